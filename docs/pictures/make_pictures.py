@@ -1,0 +1,59 @@
+"""Crop the documentation's pictures from a page: ``python docs/pictures/make_pictures.py PAGE FOLDER``.
+
+Wants selenium and Debian's chromium and chromium-driver, as the test of the page does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+PICTURES = {
+    "verdict": "//header",
+    "rates": "//section[h2='Angular rates']",
+    "trend": "//section[h2='Trend of γ']",
+    "two_ends": "//section[h2='γ at the two ends of the record']",
+    "errors": "//section[h2='Errors against the reference']",
+}
+"""Where on the page each picture is."""
+
+_DRAWN = "return typeof Bokeh !== 'undefined' && Bokeh.documents.length === 1 && Bokeh.documents[0].is_idle"
+
+
+def crop(page: Path, folder: Path) -> list[Path]:
+    """Open a page in a browser and write those of `PICTURES` that it has as PNG files."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    with tempfile.TemporaryDirectory() as profile:
+        for argument in ("headless=new", "no-sandbox", "disable-gpu", "no-first-run", "hide-scrollbars"):
+            options.add_argument(f"--{argument}")
+        options.add_argument("--window-size=1240,6000")
+        options.add_argument("--force-device-scale-factor=1.5")
+        options.add_argument(f"--user-data-dir={profile}")
+        service = webdriver.ChromeService(
+            shutil.which("chromedriver")
+        )  # else selenium looks for one on the net
+        with webdriver.Chrome(options=options, service=service) as browser:
+            browser.get(page.resolve().as_uri())
+            WebDriverWait(browser, 30).until(lambda b: b.execute_script(_DRAWN))
+            written = []
+            for name, place in PICTURES.items():
+                for element in browser.find_elements(By.XPATH, place)[:1]:
+                    written.append(folder / f"{name}.png")
+                    element.screenshot(str(written[-1]))
+            return written
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("page", type=Path, help="a page that 'gyrostand report' wrote")
+    parser.add_argument("folder", type=Path, help="where the pictures go")
+    arguments = parser.parse_args()
+    for picture in crop(arguments.page, arguments.folder):
+        print(picture)

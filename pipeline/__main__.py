@@ -1,0 +1,5 @@
+"""``python -m pipeline`` is ``gyrostand``."""
+
+from pipeline.cli import main
+
+main()

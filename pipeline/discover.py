@@ -1,0 +1,121 @@
+"""Which recordings a folder holds, and rules for make under names that are safe for it.
+
+A file name may hold a blank, a colon, a dollar sign: make takes none of them. So each recording gets a
+safe id and a small listing file, ``<out>/.recordings/<id>.json``, that is rewritten only when the
+recording, its test plan or the code has changed; make's rules depend on the listing alone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pipeline import runner, storage
+from pipeline.errors import ExitCode, GyrostandError
+from pipeline.formats.base import RecordingError
+from pipeline.naming import COMPRESSIONS, SUFFIXES
+from pipeline.testplan import find_plan
+
+RULES = "recordings.mk"
+
+
+class DiscoveryError(GyrostandError):
+    """The recordings of a folder cannot be told apart."""
+
+    exit_code = ExitCode.USAGE
+
+
+def recordings(folder: Path) -> list[Path]:
+    """The recordings directly in a folder, by name: known suffixes, and rosbag2 folders.
+
+    Raises
+    ------
+    RecordingError
+        If there is none: no input is never a pass.
+    """
+    found = [p for p in sorted(folder.iterdir()) if _is_recording(p)] if folder.is_dir() else []
+    if not found:
+        raise RecordingError(
+            repr(str(folder)),
+            expected=f"a folder with recordings ({', '.join(SUFFIXES)}, or a rosbag2 folder)",
+            found="none" if folder.is_dir() else "no such folder",
+            remedy="name a folder that holds recordings",
+        )
+    return found
+
+
+def expand(paths: Sequence[Path]) -> list[Path]:
+    """Recordings as they are, and for each plain folder the recordings in it."""
+    expanded: list[Path] = []
+    for path in paths:
+        plain_folder = path.is_dir() and not _is_recording(path)
+        expanded.extend(recordings(path) if plain_folder else [path])
+    return expanded
+
+
+def write_rules(folder: Path, out: Path) -> Path:
+    """Write ``<out>/recordings.mk`` and the listing of each recording; give the rules' path."""
+    listings: dict[str, Path] = {}
+    taken: set[str] = set()
+    for recording in recordings(folder):
+        name = storage.recording_id(recording)
+        if name.casefold() in taken:  # one file to a file system without case
+            raise DiscoveryError(
+                repr(str(recording)),
+                expected="one recording of each name in a folder",
+                found=f"two that are both called {name!r} in the tables",
+                remedy="rename one of them",
+            )
+        taken.add(name.casefold())
+        listings[name] = out / ".recordings" / f"{name}.json"
+        _write_if_changed(listings[name], _listing(recording))
+    rules = out / RULES
+    _write_if_changed(rules, _rules(listings))
+    return rules
+
+
+def listed(listing: Path) -> Path:
+    """The recording that a listing names."""
+    return Path(json.loads(listing.read_text(encoding="utf-8"))["recording"])
+
+
+def _is_recording(path: Path) -> bool:
+    if path.name.startswith("."):
+        return False
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    name = path.name.lower()
+    packed = next((c for c in COMPRESSIONS if name.endswith(c)), "")
+    return name.removesuffix(packed).endswith(SUFFIXES)
+
+
+def _listing(recording: Path) -> str:
+    plan = find_plan(recording)
+    files = [p for p in sorted(recording.rglob("*")) if p.is_file()] if recording.is_dir() else [recording]
+    stamps = {str(p): [p.stat().st_size, p.stat().st_mtime_ns] for p in (*files, plan)}
+    facts = {"recording": str(recording), "files": stamps, "code": runner.code_fingerprint()}
+    return json.dumps(facts, indent=1) + "\n"
+
+
+def _rules(names: Iterable[str]) -> str:
+    """Rules of make; the names are safe by `storage.recording_id`, the output folder is make's variable."""
+    lines = ["# Written by gyrostand discover; do not edit.", "pages:"]
+    for name in names:
+        listing, page = f"$(BUILD)/.recordings/{name}", f"$(BUILD)/report/{name}.html"
+        lines += [
+            f"pages: {page}",
+            f"{listing}.done: {listing}.json",
+            # The verdicts are judged together, after all recordings have their tables.
+            f"\t@$(GYROSTAND) run --listed $< --id {name} --out $(BUILD) --defer-verdict",
+            "\t@touch $@",
+            f"{page}: {listing}.done",
+            f"\t@$(GYROSTAND) report $(BUILD) --recording {name}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _write_if_changed(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The physics of the stands, named as in the papers."""

@@ -1,0 +1,1 @@
+"""The page of a recording, from Parquet alone."""

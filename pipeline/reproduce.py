@@ -1,0 +1,230 @@
+"""The published figures, computed by the pipeline's own stages and set beside the papers'."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline import contracts
+from pipeline.models.coning import ConingMotion, Motion, SmoothConing
+from pipeline.stages import detrend, integrate, interpolate, score
+from pipeline.stages.base import StageError, Stand
+
+SOURCE = "Godorov & Lutmanov, Problems of Mechanics and Control 48 (2016)"
+
+_RATE = 400
+_OVERSAMPLING = 50
+_CONING = ConingMotion(np.deg2rad(1.0), 100.0)
+_SECTION_5 = SmoothConing(_CONING, onset=0.0, slope=-0.05, offset=0.5)
+
+
+class Row(TypedDict):
+    """One published figure beside ours.
+
+    ``printed`` is the paper's, ``oracle`` what a converged computation gives: a value, or a bound that
+    ``ours`` must not exceed. ``relative_difference`` is (ours - oracle)/oracle.
+    """
+
+    source: str
+    item: str
+    quantity: str
+    printed: float | None
+    oracle: float
+    ours: float
+    relative_difference: float
+    within: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    """What is expected of a figure: within a relative tolerance of the oracle, or not above it."""
+
+    quantity: str
+    metric: str
+    channel: str
+    oracle: float
+    tolerance: float | None = None
+    printed: float | None = None
+
+    def beside(self, item: str, ours: float) -> Row:
+        """The row of the figure."""
+        difference = (ours - self.oracle) / self.oracle
+        within = ours <= self.oracle if self.tolerance is None else abs(difference) <= self.tolerance
+        return Row(
+            source=SOURCE,
+            item=item,
+            quantity=self.quantity,
+            printed=self.printed,
+            oracle=self.oracle,
+            ours=ours,
+            relative_difference=difference,
+            within=within,
+        )
+
+
+_BEFORE, _AFTER = "relative_rms_error", "relative_rms_error_corrected"
+
+_CUBIC = (
+    _Figure("I_psi", _BEFORE, "psi", 0.2619, 0.01),
+    _Figure("I_theta", _BEFORE, "theta", 0.07429, 0.01),
+    _Figure("I_gamma", _BEFORE, "gamma", 143.6247, 1e-4, printed=143.637),
+    _Figure("a, rad/s", "trend_a", "gamma", -0.013467, 0.02, printed=-0.01347),
+    _Figure("b, rad", "trend_b", "gamma", 4.69e-5, 0.02, printed=0.00005),
+    _Figure("I_gamma corrected", _AFTER, "gamma", 0.12387, 0.002, printed=0.123842),
+)
+_HARMONIC = (
+    _Figure("I_psi, at most", _BEFORE, "psi", 1e-6),
+    _Figure("I_theta, at most", _BEFORE, "theta", 2e-6),
+    _Figure("I_gamma, at most", _BEFORE, "gamma", 6e-6),
+)
+# Before t* = 0 nothing is known of b but that it is small; which sample falls on t* decides its sign.
+_ONSET = (
+    _Figure("I_gamma", _BEFORE, "gamma", 0.0110, 0.01, printed=0.0109768),
+    _Figure("a, rad/s", "trend_a", "gamma", -0.0135, 0.0001 / 0.0135),
+    _Figure("|b|, rad, at most", "trend_b", "gamma", 1e-4),
+    _Figure("I_gamma corrected, at most", _AFTER, "gamma", 3e-4, printed=0.00474172),
+)
+
+_INTERPOLANTS: tuple[tuple[str, interpolate.Settings, float, float], ...] = (
+    ("linear", interpolate.Settings(method="linear", oversampling=_OVERSAMPLING), 354.45, 0.301),
+    *(
+        (
+            f"spline of degree {d}",
+            interpolate.Settings(method="spline", degree=d, oversampling=_OVERSAMPLING),
+            *figures,
+        )
+        for d, figures in {
+            2: (55.30, 0.412),
+            3: (29.19, 0.0562),
+            5: (2.463, 0.514),
+            7: (1.100, 0.303),
+        }.items()
+    ),
+    ("PCHIP", interpolate.Settings(method="pchip", oversampling=_OVERSAMPLING), 122.8, 0.994),
+    ("Akima", interpolate.Settings(method="akima", oversampling=_OVERSAMPLING), 122.8, 0.715),
+    *(
+        (
+            f"local polynomial of degree {d}",
+            interpolate.Settings(method="local_polynomial", degree=d, oversampling=_OVERSAMPLING),
+            *figures,
+        )
+        for d, figures in {2: (144.37, 0.900), 4: (62.4, 0.469), 5: (60.9, 0.547)}.items()
+    ),
+)
+"""Interpolant, its settings, I_γ before and after the removal of the trend."""
+
+
+def godorov() -> list[Row]:
+    """Every figure of the coning experiments of Godorov & Lutmanov (2016), and of the methods beside theirs.
+
+    Cone 1°, 100 Hz, rates at 400 Hz, reference and attitude at 20 kHz; the motion is built in memory and
+    goes through interpolate, integrate, detrend (by extremes) and score.
+
+    Returns
+    -------
+    list of Row
+    """
+    return [*_section_3(), *_other_interpolants(), *_harmonic(), *_section_5()]
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """The rows as a table for the terminal, with a line on how many are within their tolerance."""
+    head = f"{'item':<30} {'quantity':<27} {'printed':>11} {'oracle':>11} {'ours':>12} {'difference':>11}"
+    lines = [head]
+    for row in rows:
+        printed = "" if row["printed"] is None else f"{row['printed']:g}"
+        verdict = "" if row["within"] else "  NOT WITHIN"
+        lines.append(
+            f"{row['item']:<30} {row['quantity']:<27} {printed:>11} {row['oracle']:>11g} "
+            f"{row['ours']:>12.6g} {row['relative_difference']:>11.1e}{verdict}"
+        )
+    within = sum(row["within"] for row in rows)
+    lines.append(f"{within} of {len(rows)} figures within their tolerance. Source: {SOURCE}")
+    return "\n".join(lines)
+
+
+def _section_3() -> Iterator[Row]:
+    figures = _run(_CONING, 0.0, _local_cubic(), "none")
+    for figure in _CUBIC:
+        yield figure.beside("sections 3 and 4, local cubic", figures[figure.metric, figure.channel])
+
+
+def _other_interpolants() -> Iterator[Row]:
+    for name, settings, before, after in _INTERPOLANTS:
+        figures = _run(_CONING, 0.0, settings, "none")
+        yield _Figure("I_gamma", _BEFORE, "gamma", before, 0.01).beside(name, figures[_BEFORE, "gamma"])
+        yield _Figure("I_gamma corrected", _AFTER, "gamma", after, 0.01).beside(
+            name, figures[_AFTER, "gamma"]
+        )
+
+
+def _harmonic() -> Iterator[Row]:
+    """The harmonic model, and its refusal of harmonics that the samples cannot tell."""
+    figures = _run(_CONING, 0.0, _harmonic_settings(1), "none")
+    for figure in _HARMONIC:
+        yield figure.beside("harmonic model", figures[figure.metric, figure.channel])
+    for harmonics in (2, 3):
+        refused = 0.0
+        try:
+            interpolate.run({"gyro": _gyro(_CONING, 0.0)}, _harmonic_settings(harmonics), Stand())
+        except StageError:
+            refused = 1.0
+        quantity = f"harmonic {harmonics} refused (1: yes)"
+        yield _Figure(quantity, "", "", 1.0, 0.0).beside("harmonic model", refused)
+
+
+def _section_5() -> Iterator[Row]:
+    figures = _run(_SECTION_5, -1.0, _local_cubic(), 1.0)
+    for figure in _ONSET:
+        ours = figures[figure.metric, figure.channel]
+        yield figure.beside("section 5, local cubic", abs(ours) if figure.metric == "trend_b" else ours)
+
+
+def _local_cubic() -> interpolate.Settings:
+    return interpolate.Settings(method="local_polynomial", degree=3, oversampling=_OVERSAMPLING)
+
+
+def _harmonic_settings(harmonics: int) -> interpolate.Settings:
+    return interpolate.Settings(method="harmonic", harmonics=harmonics, oversampling=_OVERSAMPLING)
+
+
+def _run(
+    motion: Motion, start: float, settings: interpolate.Settings, onset: Literal["none"] | float
+) -> dict[tuple[str, str], float]:
+    """The figures of a motion on [start, 1] s, by name and channel."""
+    stand = Stand()
+    tables = {"gyro": _gyro(motion, start), "reference": _reference(motion, start)}
+    tables |= interpolate.run(tables, settings, stand)
+    tables |= integrate.run(tables, integrate.Settings(), stand)
+    tables |= detrend.run(tables, detrend.Settings(method="extremes", onset=onset), stand)
+    metrics = score.run(tables, score.Settings(), stand)["metrics"]
+    return {(row["name"], row["channel"]): row["value"] for row in metrics.to_pylist()}
+
+
+def _gyro(motion: Motion, start: float) -> pa.Table:
+    """The body rates at 400 Hz."""
+    time, t = _clock(start, _RATE)
+    return _table("gyro", time, dict(zip("pqr", motion.rates(t).T, strict=True)))
+
+
+def _reference(motion: Motion, start: float) -> pa.Table:
+    """The angles on the grid of the attitude."""
+    time, t = _clock(start, _RATE * _OVERSAMPLING)
+    return _table("reference", time, dict(zip(("psi", "theta", "gamma"), motion.angles(t).T, strict=True)))
+
+
+def _clock(start: float, rate: int) -> tuple[np.ndarray[Any, np.dtype[np.int64]], Any]:
+    """Nanoseconds from the start to 1 s, and the same in the motion's seconds."""
+    n = round((1.0 - start) * rate) + 1
+    time = np.arange(n, dtype=np.int64) * (1_000_000_000 // rate)
+    return time, (time + round(start * 1e9)) * 1e-9
+
+
+def _table(name: str, time: Any, channels: dict[str, Any]) -> pa.Table:
+    stamps = ("header_stamp", "log_time", "publish_time")
+    nothing = {stamp: pa.nulls(len(time), pa.int64()) for stamp in stamps}
+    return contracts.table(name, {"time": time, **nothing, **channels})

@@ -1,0 +1,248 @@
+"""One recording through its procedure: skip what is up to date, judge, publish, record provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline import __version__, formats, limits, storage, verdicts
+from pipeline.procedures import PROCEDURES
+from pipeline.stages.base import ACCUMULATING, Stage, StageError, rows
+from pipeline.testplan import TestPlan, find_plan, load_plan
+
+Progress = Callable[[str, int, int], None]
+"""Told the stage that begins, its place from 0, and how many there are."""
+
+VALIDATION = ("ingest", "audit")
+"""The stages that say whether a recording is fit to be processed."""
+
+_COMPUTING = ("numpy", "scipy", "pyarrow", "numba", "mcap", "rosbags")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one recording.
+
+    ``lost`` counts the findings that part of the recording could not be read; ``up_to_date`` says that
+    nothing had to be done.
+    """
+
+    recording_id: str
+    procedure: str
+    metrics: pa.Table
+    findings: pa.Table
+    verdict: verdicts.Verdict
+    lost: int
+    up_to_date: bool = False
+
+
+def run(
+    recording: Path,
+    out: Path,
+    plan: Path | None = None,
+    recording_id: str | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Take a recording through its procedure and publish its tables.
+
+    Parameters
+    ----------
+    recording : Path
+        A file or a rosbag2 folder; it is never changed.
+    out : Path
+        Output folder; tables go to ``out/<table>/recording=<id>/part-0.parquet``.
+    plan : Path, optional
+        The test plan; by default the one beside the recording, see `testplan.find_plan`.
+    recording_id : str, optional
+        By default made from the recording's name, see `storage.recording_id`.
+    progress : callable, optional
+        Told each stage as it begins.
+
+    Returns
+    -------
+    Outcome
+        Metrics with verdicts, and findings.
+
+    Raises
+    ------
+    GyrostandError
+        With the exit code that fits: test plan, recording, a stage's refusal, the output folder.
+    """
+    formats.detect(recording)
+    test_plan = load_plan(plan or find_plan(recording))
+    digest, size = fingerprint(recording)
+    name = recording_id or storage.recording_id(recording)
+    stages = PROCEDURES[test_plan.procedure]
+    versions = _versions()
+    identity = {
+        "procedure": test_plan.procedure,
+        "recording_name": recording.name,
+        "recording_sha256": digest,
+        "recording_bytes": size,
+        "plan_sha256": test_plan.sha256,
+        "versions": json.dumps(versions, sort_keys=True),
+    }
+    with storage.publication(out, name) as publication:
+        if publication.is_current(identity):
+            return _outcome(
+                name,
+                test_plan.procedure,
+                publication.read("metrics"),
+                publication.read("findings"),
+                up_to_date=True,
+            )
+        tables, log = _run_stages(recording, test_plan, stages, progress)
+        tables["metrics"] = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure)
+        last = _last_producers(log)
+        published = {table: publication.publish(table, tables[table]) for table in sorted(tables)}
+        for entry in log:
+            entry["tables"] = json.dumps(
+                {
+                    t: {"rows": p.rows, "sha256": p.sha256}
+                    for t, p in published.items()
+                    if last[t] == entry["stage"]
+                },
+                sort_keys=True,
+            )
+            entry.update(identity)
+        publication.finish(rows("provenance", log))
+    return _outcome(name, test_plan.procedure, tables["metrics"], tables["findings"])
+
+
+def validate(recording: Path, plan: Path | None = None) -> Outcome:
+    """Audit a recording and judge the limits that the audit can judge; nothing is written.
+
+    Parameters and errors as in `run`.
+    """
+    formats.detect(recording)
+    test_plan = load_plan(plan or find_plan(recording))
+    tables, _ = _run_stages(recording, test_plan, VALIDATION, None)
+    metrics = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure, complete=False)
+    return _outcome(storage.recording_id(recording), test_plan.procedure, metrics, tables["findings"])
+
+
+def outcomes(out: Path) -> list[Outcome]:
+    """What became of every finished recording below an output folder, from its published tables.
+
+    Raises
+    ------
+    StorageError
+        If there is none, or a table is damaged.
+    """
+    found = []
+    for name in storage.recordings(out):
+        procedure = str(storage.read(out, name, "provenance").column("procedure")[0])
+        metrics, findings = (storage.read(out, name, table) for table in ACCUMULATING[::-1])
+        found.append(_outcome(name, procedure, metrics, findings))
+    return found
+
+
+def fingerprint(recording: Path) -> tuple[str, int]:
+    """SHA-256 and size [byte] of a recording; of a folder, over the names and bytes of its files."""
+    if not recording.is_dir():
+        return _file_sha256(recording), recording.stat().st_size
+    whole, size = hashlib.sha256(), 0
+    for path in sorted(p for p in recording.rglob("*") if p.is_file()):
+        whole.update(f"{path.relative_to(recording)}\0{_file_sha256(path)}\n".encode())
+        size += path.stat().st_size
+    return whole.hexdigest(), size
+
+
+@cache
+def code_fingerprint() -> str:
+    """SHA-256 over the package's own source, so that a changed checkout is not taken for the old one."""
+    whole = hashlib.sha256()
+    package = Path(__file__).parent
+    for path in sorted(
+        [*package.rglob("*.py"), *package.rglob("*.json"), *package.parent.glob("schemas/*.json")]
+    ):
+        whole.update(path.name.encode() + b"\0" + path.read_bytes())
+    return whole.hexdigest()
+
+
+def _run_stages(
+    recording: Path, plan: TestPlan, stages: Sequence[str], progress: Progress | None
+) -> tuple[dict[str, pa.Table], list[dict[str, Any]]]:
+    """Run the stages in order; give the tables and one provenance entry a stage."""
+    tables: dict[str, pa.Table] = {name: rows(name, []) for name in ACCUMULATING}
+    log: list[dict[str, Any]] = []
+    for order, name in enumerate(stages):
+        if progress is not None:
+            progress(name, order, len(stages))
+        begun = time.perf_counter()
+        produced = _run_stage(name, recording, tables, plan)
+        tables = _merge(tables, produced)
+        log.append(
+            {
+                "order": order,
+                "stage": name,
+                "settings": plan.settings[name].model_dump_json(),
+                "duration": time.perf_counter() - begun,
+                "peak_memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+                "produced": tuple(produced),
+            }
+        )
+    return tables, log
+
+
+def _run_stage(
+    name: str, recording: Path, tables: Mapping[str, pa.Table], plan: TestPlan
+) -> dict[str, pa.Table]:
+    stage: Stage = import_module(f"pipeline.stages.{name}")
+    settings = plan.settings[name]
+    if name == "ingest":  # the one door
+        return dict(stage.run(recording, settings, plan.stand))
+    missing = [t for t in stage.CONSUMES if t not in tables]
+    if missing:
+        raise StageError(
+            f"stage {name}",
+            expected=f"table {missing[0]}",
+            found="none: no stream of the test plan gives it",
+            remedy=f"add the stream that {missing[0]} comes from to the test plan",
+        )
+    wanted = (*stage.CONSUMES, *stage.MAY_CONSUME)
+    return stage.run({t: tables[t] for t in wanted if t in tables}, settings, plan.stand)
+
+
+def _merge(tables: Mapping[str, pa.Table], produced: Mapping[str, pa.Table]) -> dict[str, pa.Table]:
+    """Tables after a stage: its own replace those of the same name, but for the accumulating ones."""
+    merged = {**tables, **produced}
+    for name in ACCUMULATING:
+        if name in produced:
+            merged[name] = pa.concat_tables([tables[name], produced[name]])
+    return merged
+
+
+def _last_producers(log: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """Stage whose version of each table is the one that stands at the end."""
+    last = dict.fromkeys(ACCUMULATING, log[-1]["stage"])
+    for entry in log:
+        last.update({t: entry["stage"] for t in entry.pop("produced") if t not in ACCUMULATING})
+    return last
+
+
+def _outcome(
+    name: str, procedure: str, metrics: pa.Table, findings: pa.Table, *, up_to_date: bool = False
+) -> Outcome:
+    lost = findings.column("kind").to_pylist().count("loss")
+    return Outcome(name, procedure, metrics, findings, verdicts.overall(metrics.to_pylist()), lost, up_to_date)
+
+
+def _versions() -> dict[str, str]:
+    return {"gyrostand": __version__, "code": code_fingerprint(), **{p: version(p) for p in _COMPUTING}}
+
+
+def _file_sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

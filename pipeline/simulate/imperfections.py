@@ -1,0 +1,196 @@
+"""What is wrong with a simulated record: errors of the gyro, and of the stamps and the transport.
+
+Each random effect has a generator of its own, `generator`, so that switching one on leaves the others as
+they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ExitCode, GyrostandError
+
+Float = NDArray[np.float64]
+Time = NDArray[np.int64]
+Output = Literal["angular_rate", "angle_increment"]
+Span = tuple[float, float]
+
+_EFFECTS = ("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise")
+_MOST_JITTER = 0.45  # of a sample interval: the samples stay in their order
+
+
+class SimulationError(GyrostandError):
+    """A simulation that cannot be: a setting out of its range."""
+
+    exit_code = ExitCode.USAGE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GyroErrors:
+    """Errors of the gyro's output.
+
+    Attributes
+    ----------
+    white_noise : float
+        Standard deviation of white noise on each sample of the rate [rad/s]; on an angle increment it acts
+        over the sample interval.
+    white_angle_noise : float
+        Standard deviation of white noise on the angle at each sampling instant [rad]: its differences
+        appear in the output.
+    bias : tuple of float
+        Added to p, q, r [rad/s].
+    quantum : float
+        Least step of the output: of the rate [rad/s], or of the summed angle whose differences the
+        increments are [rad], so that no remainder is lost. 0 for none.
+    mounting : tuple of float
+        Rotation vector m [rad] of the gyro's axes against the body: body components are ``Exp([m]x)`` times
+        those that the gyro gives.
+    """
+
+    white_noise: float = 0.0
+    white_angle_noise: float = 0.0
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quantum: float = 0.0
+    mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimingErrors:
+    """Errors of the gyro's stamps and of its transport; instants in seconds from the record's start.
+
+    Attributes
+    ----------
+    sample_jitter : float
+        Standard deviation of the true sampling instants about the even ones [s]; stamped as they are.
+        Cut at 0.45 sample intervals.
+    stamp_noise : float
+        Standard deviation of the stamps about the true instants [s].
+    clock_offset : float
+        The gyro's stamps minus those of the reference at one instant [s].
+    gaps : sequence of (start, length)
+        Samples that were lost [s].
+    nan_bursts : sequence of (start, length)
+        Samples whose channels are all NaN [s].
+    backward_stamps : sequence of float
+        The sample at or after this instant is stamped 1.5 sample intervals early, so before its predecessor.
+    repeated_samples : sequence of float
+        The sample at or after this instant is recorded twice.
+    log_delay, log_jitter : float
+        The recorder's time is the true one plus the delay plus the size of a normal deviate of this standard
+        deviation [s]; it never steps back.
+    """
+
+    sample_jitter: float = 0.0
+    stamp_noise: float = 0.0
+    clock_offset: float = 0.0
+    gaps: Sequence[Span] = ()
+    nan_bursts: Sequence[Span] = ()
+    backward_stamps: Sequence[float] = ()
+    repeated_samples: Sequence[float] = ()
+    log_delay: float = 0.0
+    log_jitter: float = 0.0
+
+
+def generator(seed: int, effect: str) -> np.random.Generator:
+    """The generator of one random effect, the same for the same seed whatever else is random."""
+    return np.random.Generator(np.random.PCG64([seed, _EFFECTS.index(effect)]))
+
+
+def require(settings: object, name: str, *, least: float = 0.0, above: bool = False) -> None:
+    """Raise a `SimulationError` if a number of the settings is below its least value, or not above it."""
+    value = getattr(settings, name)
+    if not (value > least if above else value >= least) or not np.isfinite(value):
+        raise SimulationError(
+            f"simulation setting {name}",
+            expected=f"{'more than' if above else 'at least'} {least:g}",
+            found=f"{value:g}",
+            remedy="choose another value",
+        )
+
+
+def check_errors(errors: GyroErrors | TimingErrors) -> None:
+    """Raise a `SimulationError` if a single number is negative; only a clock offset may be."""
+    for one in fields(errors):
+        if one.name != "clock_offset" and isinstance(getattr(errors, one.name), float):
+            require(errors, one.name)
+
+
+def nanoseconds(seconds: Float) -> Time:
+    """Seconds, rounded to whole nanoseconds."""
+    whole: Time = np.rint(1e9 * seconds).astype(np.int64)
+    return whole
+
+
+def even_instants(count: int, rate: float) -> Time:
+    """Instants of even samples [ns from the first]."""
+    return nanoseconds(np.arange(count) / rate)
+
+
+def sampling_instants(count: int, rate: float, timing: TimingErrors, seed: int) -> Time:
+    """True instants of the samples [ns from the record's start], strictly increasing."""
+    noise = timing.sample_jitter * generator(seed, "sample jitter").standard_normal(count)
+    most = _MOST_JITTER / rate
+    return even_instants(count, rate) + nanoseconds(np.clip(noise, -most, most))
+
+
+def spoil(exact: Float, interval: Float, output: Output, errors: GyroErrors, seed: int) -> Float:
+    """The gyro's output.
+
+    Parameters
+    ----------
+    exact : ndarray, shape (n, 3)
+        Exact rates [rad/s] or angle increments [rad], in the gyro's axes.
+    interval : ndarray, shape (n,)
+        Time since the sample before [s].
+    output : {"angular_rate", "angle_increment"}
+        Which of them.
+    errors : GyroErrors
+        What is wrong.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        In the unit of ``exact``.
+    """
+    over = interval[:, None] if output == "angle_increment" else np.ones((len(exact), 1))
+    spoilt = exact + np.array(errors.bias) * over
+    if errors.white_noise:
+        noise = generator(seed, "rate noise").standard_normal(exact.shape)
+        spoilt = spoilt + errors.white_noise * noise * over
+    if errors.white_angle_noise:
+        noise = generator(seed, "angle noise").standard_normal((len(exact) + 1, 3))
+        spoilt = spoilt + errors.white_angle_noise * np.diff(noise, axis=0) * (over / interval[:, None])
+    if not errors.quantum:
+        return spoilt
+    if output == "angular_rate":
+        return errors.quantum * np.rint(spoilt / errors.quantum)
+    counts = np.rint(np.cumsum(spoilt, axis=0) / errors.quantum)
+    return errors.quantum * np.diff(counts, axis=0, prepend=0.0)
+
+
+def within(spans: Sequence[Span], t: Float) -> NDArray[np.bool_]:
+    """Which instants lie in one of the spans (start included, end not)."""
+    inside = np.zeros(len(t), dtype=np.bool_)
+    for start, length in spans:
+        inside |= (t >= start) & (t < start + length)
+    return inside
+
+
+def samples_at(instants: Sequence[float], t: Float, what: str) -> NDArray[np.intp]:
+    """Indices of the samples at or after the instants."""
+    indices = np.searchsorted(t, np.array(instants, dtype=np.float64))
+    if np.any(indices >= len(t)):
+        raise SimulationError(
+            f"simulation setting {what}",
+            expected=f"instants up to {t[-1]:g} s, where the record ends",
+            found=f"{max(instants):g} s",
+            remedy="choose an earlier instant, or a longer record",
+        )
+    return indices

@@ -1,0 +1,117 @@
+"""How simulated samples are recorded: as ROS messages in SI, or as columns of a text file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.formats.base import Series
+
+Float = NDArray[np.float64]
+Time = NDArray[np.int64]
+AngleUnit = Literal["rad", "deg"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Message:
+    """The message that carries a quantity: its type, the field of each channel, their unit."""
+
+    type: str
+    fields: Mapping[str, str]
+    unit: str
+
+
+_MESSAGES: Mapping[str, _Message] = MappingProxyType(
+    {
+        "angular_rate": _Message(
+            "sensor_msgs/msg/Imu",
+            {"p": "angular_velocity.x", "q": "angular_velocity.y", "r": "angular_velocity.z"},
+            "rad/s",
+        ),
+        "angle_increment": _Message(
+            "geometry_msgs/msg/Vector3Stamped", {"p": "vector.x", "q": "vector.y", "r": "vector.z"}, "rad"
+        ),
+        "quaternion": _Message(
+            "geometry_msgs/msg/QuaternionStamped",
+            {channel: f"quaternion.{channel}" for channel in "wxyz"},
+            "1",
+        ),
+    }
+)
+_COLUMNS: Mapping[str, tuple[tuple[str, str, str], str]] = MappingProxyType(
+    {
+        "angular_rate": (("p", "q", "r"), "/s"),
+        "angle_increment": (("p", "q", "r"), ""),
+        "euler_krylov": (("psi", "theta", "gamma"), ""),
+    }
+)
+"""The columns of a quantity in a text file, and what their unit has after that of the angle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """Samples as recorded: clocks [ns], shape (n,), and values in SI, shape (n, k)."""
+
+    log_time: Time
+    header_stamp: Time
+    values: Float
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedStream:
+    """A stream of a simulated recording.
+
+    Attributes
+    ----------
+    name, quantity : str
+        As in the test plan.
+    topic : str
+        Topic; "" in a text file.
+    fields : mapping of str to str
+        Field, or column of a text file, of each channel.
+    unit : str
+        Unit of the channels.
+    series : Series
+        What is written.
+    """
+
+    name: str
+    quantity: str
+    topic: str
+    fields: Mapping[str, str]
+    unit: str
+    series: Series
+
+
+def as_messages(name: str, quantity: str, recorded: Recorded) -> RecordedStream:
+    """A stream of ROS messages, in SI, on the topic of its name."""
+    message = _MESSAGES[quantity]
+    series = Series(
+        topic=f"/{name}",
+        message_type=message.type,
+        log_time=recorded.log_time,
+        header_stamp=recorded.header_stamp,
+        columns={path: recorded.values[:, k] for k, path in enumerate(message.fields.values())},
+    )
+    return RecordedStream(name, quantity, series.topic, message.fields, message.unit, series)
+
+
+def as_columns(name: str, quantity: str, recorded: Recorded, angle_unit: AngleUnit) -> RecordedStream:
+    """Columns of a text file, with their unit in the header."""
+    channels, per = _COLUMNS[quantity]
+    unit = f"{angle_unit}{per}"
+    values = recorded.values if angle_unit == "rad" else np.degrees(recorded.values)
+    fields = {channel: f"{channel} ({unit})" for channel in channels}
+    series = Series(
+        topic=f"/{name}",
+        message_type="",
+        log_time=recorded.log_time,
+        header_stamp=recorded.header_stamp,
+        columns={path: values[:, k] for k, path in enumerate(fields.values())},
+    )
+    return RecordedStream(name, quantity, "", fields, unit, series)

@@ -1,0 +1,1 @@
+"""The stages: pure functions from tables to tables, one module each."""

@@ -1,0 +1,115 @@
+"""Audit: mark what is wrong with the samples of every stream, and never edit one.
+
+What is marked is a finding with start, end, count and a sentence with its figures; how much of it there is,
+is a metric, so that a test plan can limit it. Later stages say themselves how they treat each kind. At most
+``max_rows`` findings of a kind in a channel have their own row; the rest are summed in one more.
+
+Severity
+--------
+error
+    The stream cannot serve: fewer than two samples, a channel without any finite value, a unit that
+    the reference contradicts.
+warning
+    Samples that a later stage leaves out, bridges or takes at face value though they may be wrong: gaps,
+    stamps that do not advance, batches, jitter, NaN, frozen, clipped and spiking samples, a channel that is
+    zero while others move, a rate that no gyro reaches, clocks that drift or jump.
+info
+    What is worth knowing and needs no treatment: how clocks differ, a clock that stands still, a channel of
+    one value, values held over several samples, a steady stretch that the reference confirms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+from pydantic import Field
+
+from pipeline.stages._audit_rows import StreamReport
+from pipeline.stages._audit_time import audit_clocks, audit_stamps
+from pipeline.stages._audit_units import Comparison, audit_units, compare
+from pipeline.stages._audit_values import Thresholds, audit_values
+from pipeline.stages.base import Settings as _Settings
+from pipeline.stages.base import Severity, Stand, Tables, rows
+from pipeline.stages.streams import CHANNELS, channels
+
+CONSUMES: tuple[str, ...] = ()
+MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")
+PRODUCES: tuple[str, ...] = ("findings", "metrics")
+
+
+class Settings(_Settings):
+    """What counts as a fault."""
+
+    gap_factor: float = Field(
+        1.8, gt=1, description="an interval of more than this many nominal intervals is a gap"
+    )
+    max_jitter: float = Field(
+        0.1,
+        gt=0,
+        description="robust standard deviation of the intervals that is jitter, in nominal intervals",
+    )
+    max_clock_drift: float = Field(
+        1e-4,
+        gt=0,
+        description="drift of a clock against the chosen one that is a warning, s/s (1e-6 is 1 ppm)",
+    )
+    max_clock_jump: float = Field(
+        0.1, gt=0, description="change of a clock against the chosen one between two samples that is one, s"
+    )
+    frozen_samples: int = Field(
+        10, ge=2, description="fewest samples that hold their value bit for bit to be called frozen"
+    )
+    clipped_samples: int = Field(
+        3, ge=2, description="fewest samples in a row at the largest or smallest value to be called clipped"
+    )
+    spike_factor: float = Field(
+        4.0, gt=1, description="second difference of a spike, over the 90 % quantile of those around it"
+    )
+    max_plausible_rate: float = Field(
+        40.0, gt=0, description="rate above which the unit is doubted where no reference decides, rad/s"
+    )
+    min_samples: int = Field(10, ge=2, description="fewer samples than this are a warning")
+    max_rows: int = Field(100, ge=1, description="findings of a kind in a channel with a row of their own")
+
+
+def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]:  # noqa: ARG001
+    """Audit every stream that is there.
+
+    Returns
+    -------
+    dict
+        ``findings`` and ``metrics``.
+    """
+    comparison = compare(tables)
+    reports = [
+        _audit(tables[stream], stream, settings, comparison) for stream in MAY_CONSUME if stream in tables
+    ]
+    return {
+        "findings": rows("findings", [row for report in reports for row in report.findings]),
+        "metrics": rows("metrics", [row for report in reports for row in report.metrics]),
+    }
+
+
+def _audit(table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None) -> StreamReport:
+    report = StreamReport(stream, table.column("time").to_numpy(), settings.max_rows)
+    report.figure("sample_count", table.num_rows)
+    if table.num_rows < settings.min_samples:
+        severity: Severity = "error" if table.num_rows < 2 else "warning"
+        report.say("too few samples", severity, f"{table.num_rows} in the record")
+    if not table.num_rows:
+        return report
+    regular = audit_stamps(report, settings.gap_factor, settings.max_jitter)
+    audit_clocks(report, table, settings.max_clock_drift, settings.max_clock_jump)
+    values = channels(table, stream)
+    audit_values(
+        report,
+        dict(zip(CHANNELS[stream], values.T, strict=True)),
+        Thresholds(settings.frozen_samples, settings.clipped_samples, settings.spike_factor),
+        regular,
+        comparison,
+    )
+    if stream != "reference":
+        audit_units(
+            report, values[np.isfinite(values).all(axis=1)], regular, comparison, settings.max_plausible_rate
+        )
+    return report

@@ -1,0 +1,328 @@
+"""Ingest: the one door. It alone opens the recording, and converts to SI and radians, once.
+
+The channel map of the test plan (`channel_map`) says which topic or column feeds which channel, in which
+unit and by which clock. Samples stay in the order of the file, under the time that was recorded; a sample
+without time cannot be kept. What could not be read, and what was missing in it, becomes findings.
+
+A stream's table holds the messages in which at least one of its channels is present: a text file holds all
+streams in one, with empty cells where one of them has no sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from pipeline import contracts, formats, units
+from pipeline.errors import ExitCode
+from pipeline.formats.base import CLOCKS, Loss, Request, TimeField
+from pipeline.numerics.rotation import (
+    euler_krylov_from_quaternion,
+    quaternion_conjugate,
+    quaternion_from_euler_krylov,
+    quaternion_from_matrix,
+    quaternion_multiply,
+)
+from pipeline.plan_faults import Fault, refuse
+from pipeline.stages.base import Settings as _Settings
+from pipeline.stages.base import Severity, StageError, Stand, finding, rows
+from pipeline.stages.channel_map import (
+    CHANNELS,
+    DIMENSIONS,
+    NO_CLOCK,
+    Clock,
+    Stream,
+    StreamName,
+    Text,
+    channel_faults,
+)
+from pipeline.stages.sample_time import numbers, refuse_idle_stamps, sample_times, valid
+
+CONSUMES: tuple[str, ...] = ()
+MAY_CONSUME: tuple[str, ...] = ()
+PRODUCES = ("gyro", "gyro_increments", "reference", "findings")
+
+UNIT_NORM = 1e-3
+"""A quaternion whose norm is farther from 1 than this is marked: single precision and four decimals are
+nearer, a wrong column or scale is not."""
+
+Float = NDArray[np.float64]
+Time = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Findings = list[dict[str, Any]]
+
+
+class Settings(_Settings):
+    """The channel map: at the top level of the test plan, as [time], [streams.…] and [text]."""
+
+    time: Clock | None = Field(None, description="clock of every stream that has none of its own")
+    streams: dict[StreamName, Stream] = Field(min_length=1, description="what the recording holds")
+    text: Text = Field(
+        default_factory=Text, description="layout of a text file, where it should not be found out by itself"
+    )
+
+    @field_validator("streams")
+    @classmethod
+    def _streams_are_whole(cls, streams: dict[StreamName, Stream]) -> dict[StreamName, Stream]:
+        faults = [fault for name, stream in streams.items() for fault in channel_faults(name, stream)]
+        if faults:
+            refuse(faults)
+        return streams
+
+    @model_validator(mode="after")
+    def _every_stream_has_a_clock(self) -> Self:
+        timeless = [name for name, stream in self.streams.items() if stream.time is None]
+        if self.time is None and timeless:
+            expected = f"a clock for {', '.join(timeless)}"
+            refuse([Fault(("streams", timeless[0]), expected, "none", NO_CLOCK)])
+        return self
+
+    def clock(self, name: StreamName) -> Clock:
+        """The clock of a stream: its own, else the default."""
+        clock = self.streams[name].time or self.time
+        assert clock is not None, "checked when the settings were made"
+        return clock
+
+
+@dataclass(slots=True)
+class _Samples:
+    """The samples of one stream.
+
+    Attributes
+    ----------
+    name : str
+    stream : Stream
+    table : pyarrow.Table
+        The topic's columns, one row a sample.
+    time : ndarray of int64, shape (n,)
+        By the clock of the plan [ns].
+    values : ndarray, shape (n, k)
+        One column a channel, in the order of `CHANNELS`, in SI; NaN where a channel is missing.
+    findings : list
+        What is to be said of them.
+    """
+
+    name: StreamName
+    stream: Stream
+    table: pa.Table
+    time: Time
+    values: Float
+    findings: Findings = field(default_factory=list)
+
+    def say(
+        self, kind: str, severity: Severity, detail: str, where: Mask, channel: str | None = None
+    ) -> None:
+        """Add a finding about some of the samples, if there are any."""
+        time = self.time[where]
+        if time.size:
+            self.findings.append(
+                finding(
+                    "ingest",
+                    self.name,
+                    kind,
+                    severity,
+                    f"{time.size} {detail}",
+                    channel=channel,
+                    start=int(time.min()),
+                    end=int(time.max()),
+                    count=int(time.size),
+                )
+            )
+
+
+def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table]:  # noqa: ARG001
+    """Read a recording into SI, body axes and the clock of the plan.
+
+    Parameters
+    ----------
+    recording : Path
+        A file or a rosbag2 folder.
+    settings : Settings
+        The channel map.
+    stand : Stand
+        Not needed here; a stage's shape.
+
+    Returns
+    -------
+    dict
+        ``gyro`` or ``gyro_increments``, and ``reference``, as far as the plan maps them; ``findings``: losses
+        and what was missing.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read (exit code 3), or lacks a topic or field of the plan (exit code 2).
+    StageError
+        If the chosen clock is not there or stands still at 0 (exit code 2), or a stream has no sample (3).
+    """
+    requests = [_request(stream, settings.clock(name)) for name, stream in settings.streams.items()]
+    read = formats.read(recording, requests, settings.text.layout)
+    tables: dict[str, pa.Table] = {}
+    findings = [*_losses(read.losses, settings), *_uncertain_times(read.losses, settings)]
+    for name, stream in settings.streams.items():
+        samples = _samples(recording, name, stream, settings.clock(name), read.tables[stream.topic])
+        table, columns = _columns(samples)
+        tables[table] = _table(table, samples, columns)
+        findings += samples.findings
+    return {**tables, "findings": rows("findings", findings)}
+
+
+def _request(stream: Stream, clock: Clock) -> Request:
+    fields = [channel.field for channel in stream.channels.values()]
+    if clock.counter is not None:
+        fields.append(clock.counter)
+    times = (
+        (TimeField(clock.field, clock.unit),) if clock.field is not None and clock.unit is not None else ()
+    )
+    return Request(stream.topic, tuple(dict.fromkeys(fields)), times)
+
+
+def _losses(losses: Sequence[Loss], settings: Settings) -> Iterator[dict[str, Any]]:
+    """Findings of what could not be read; of the one stream of the topic, else of the recording."""
+    topics: dict[str, list[StreamName]] = {}
+    for name, stream in settings.streams.items():
+        topics.setdefault(stream.topic, []).append(name)
+    for loss in losses:
+        concerned = topics.get(loss.topic, [])
+        about_stream = concerned[0] if len(concerned) == 1 else None
+        logged = about_stream is not None and settings.clock(about_stream).clock == "log_time"
+        about = f" of topic {loss.topic!r}" if loss.topic else ""
+        detail = f"{loss.count} {loss.unit}{about}: {loss.detail}"
+        if loss.start is not None and loss.end is not None and not logged:
+            detail += f" (log time {loss.start} … {loss.end} ns)"
+        yield finding(
+            "ingest",
+            about_stream or "recording",
+            "loss",
+            "error",
+            detail,
+            start=loss.start if logged else None,
+            end=loss.end if logged else None,
+            count=loss.count,
+        )
+
+
+def _uncertain_times(losses: Sequence[Loss], settings: Settings) -> Iterator[dict[str, Any]]:
+    """Findings of streams that are timed by their place in the file, of which something is lost."""
+    for name, stream in settings.streams.items():
+        clock = settings.clock(name)
+        lost = sum(loss.topic in ("", stream.topic) for loss in losses)
+        if clock.rate is not None and clock.counter is None and lost:
+            detail = (
+                f"samples are timed by their place in the file at {clock.rate:g} Hz; behind each loss they "
+                "stand too early by what was lost, unless the plan names a counter"
+            )
+            yield finding("ingest", name, "uncertain time", "warning", detail, count=lost)
+
+
+def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, topic: pa.Table) -> _Samples:
+    """The rows of a topic that are samples of the stream, in SI and with their time."""
+    where = f"{recording}, stream {name!r}"
+    channels = {channel: stream.channels[channel] for channel in CHANNELS[name][stream.quantity]}
+    present = {channel: valid(topic.column(c.field)) for channel, c in channels.items()}
+    is_sample = np.logical_or.reduce(list(present.values()))
+    time, timed = sample_times(topic, clock, where)
+    kept = is_sample & timed
+    if not kept.any():
+        raise StageError(
+            where,
+            expected="samples",
+            found=f"none with a time, of {is_sample.sum()}" if is_sample.any() else "none",
+            remedy="check the recording, and the stream's fields and clock in the test plan",
+            exit_code=ExitCode.INPUT,
+        )
+    of = DIMENSIONS[stream.quantity]
+    values = [
+        c.sign * (c.scale * numbers(topic.column(c.field))[kept] + c.offset) * _factor(c.unit, of)
+        for c in channels.values()
+    ]
+    samples = _Samples(name, stream, topic.filter(pa.array(kept)), time[kept], np.column_stack(values))
+    refuse_idle_stamps(samples.time, samples.table, clock, where)
+    for channel, there in present.items():
+        detail = f"samples have no value of {channels[channel].field!r}, which becomes NaN"
+        samples.say("missing value", "warning", detail, ~there[kept], channel)
+    untimed = int((is_sample & ~timed).sum())
+    if untimed:
+        detail = f"{untimed} samples have no time by the clock of the test plan, and are left out"
+        samples.findings.append(finding("ingest", name, "missing time", "error", detail, count=untimed))
+    return samples
+
+
+def _columns(samples: _Samples) -> tuple[str, Mapping[str, Float]]:
+    """The table that the stream becomes, and its channels in body and reference axes."""
+    match samples.stream.quantity:
+        case "angular_rate":
+            return "gyro", _named(("p", "q", "r"), _in_body_axes(samples))
+        case "angle_increment":
+            return "gyro_increments", _named(
+                ("increment_p", "increment_q", "increment_r"), _in_body_axes(samples)
+            )
+        case "euler_krylov":
+            return "reference", _named(("psi", "theta", "gamma"), _euler_krylov(samples))
+        case "quaternion":
+            angles = euler_krylov_from_quaternion(_turned(_unit_quaternions(samples), samples.stream))
+            return "reference", _named(("psi", "theta", "gamma"), angles)
+
+
+def _in_body_axes(samples: _Samples) -> Float:
+    """``v_body = R v_sensor``, R the stream's rotation."""
+    R = samples.stream.rotation
+    return samples.values if R is None else samples.values @ np.array(R).T
+
+
+def _euler_krylov(samples: _Samples) -> Float:
+    """The angles as recorded, unless axes are to be turned: then through quaternions."""
+    if samples.stream.rotation is None and samples.stream.reference_rotation is None:
+        return samples.values
+    quaternion = quaternion_from_euler_krylov(samples.values)
+    return euler_krylov_from_quaternion(_turned(quaternion, samples.stream))
+
+
+def _turned(quaternion: Float, stream: Stream) -> Float:
+    """From what the reference reports to body and reference axes: ``R_ref A R_body^T``, as quaternions."""
+    if stream.reference_rotation is not None:
+        quaternion = quaternion_multiply(quaternion_from_matrix(stream.reference_rotation), quaternion)
+    if stream.rotation is not None:
+        to_sensor = quaternion_conjugate(quaternion_from_matrix(stream.rotation))
+        quaternion = quaternion_multiply(quaternion, to_sensor)
+    return quaternion
+
+
+def _unit_quaternions(samples: _Samples) -> Float:
+    """The quaternions at norm 1; what had to be bent for it is said."""
+    with np.errstate(all="ignore"):  # infinities that were recorded
+        norm = np.sqrt(np.sum(samples.values**2, axis=1))
+        usable = np.isfinite(norm) & (norm > 0)
+        off = usable & (np.abs(norm - 1) > UNIT_NORM)
+        unit = np.where(usable[:, np.newaxis], samples.values / norm[:, np.newaxis], np.nan)
+    if off.any():
+        detail = (
+            f"quaternions have norms of {norm[off].min():.6g} to {norm[off].max():.6g}; they are normalised"
+        )
+        samples.say("quaternion norm", "warning", detail, off)
+    samples.say(
+        "zero quaternion", "warning", "quaternions are zero, which is no attitude; they become NaN", norm == 0
+    )
+    return unit
+
+
+def _table(name: str, samples: _Samples, columns: Mapping[str, Float]) -> pa.Table:
+    absent = pa.nulls(samples.table.num_rows, pa.int64())
+    clocks = {c: samples.table.column(c) if c in samples.table.column_names else absent for c in CLOCKS}
+    return contracts.table(name, {"time": samples.time, **clocks, **columns})
+
+
+def _named(names: Iterable[str], values: Float) -> dict[str, Float]:
+    return dict(zip(names, np.ascontiguousarray(values.T), strict=True))
+
+
+def _factor(unit: str, of: str) -> float:
+    """Factor to SI of a unit that the plan's check has passed."""
+    return units.FACTORS[of][units.canonical(unit)]

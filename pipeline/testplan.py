@@ -1,0 +1,281 @@
+"""Test plans: TOML to typed settings, composed from those of the procedure's stages.
+
+A plan's top level holds the procedure, its title, the stand, the limits, the settings of `ingest` (time,
+streams, text), and a section for each further stage of the procedure. A stage's settings are the class
+``Settings`` of its module: a new stage brings its section with it.
+
+Types are strict: TOML says itself what is a number, a string or a truth value.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shlex
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError, create_model, model_validator
+from pydantic.json_schema import models_json_schema
+
+from pipeline import contracts
+from pipeline.formats.base import RecordingError
+from pipeline.limits import Limit
+from pipeline.plan_faults import Fault, refuse
+from pipeline.procedures import PROCEDURES
+from pipeline.stages import ingest
+from pipeline.stages.base import Settings, Stand
+from pipeline.stages.channel_map import Stream, StreamName
+from pipeline.testplan_errors import PlanError, faults_of, plan_error, shown, shown_path, unknown
+from pipeline.testplan_locate import key_lines
+
+FOLDER_PLAN = "testplan.toml"
+"""The plan of every recording of its folder that has none of its own."""
+
+SCHEMA = "testplan.schema.json"
+
+_LARGEST = 2**20
+_PACKED = (".gz", ".zst")
+_AT_LINE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
+
+
+@dataclass(frozen=True, slots=True)
+class TestPlan:
+    """A test plan that was read and checked.
+
+    Attributes
+    ----------
+    path : Path
+        Its file.
+    sha256 : str
+        Of the file's bytes.
+    procedure, title : str
+    stand : Stand
+    limits : tuple of Limit
+    settings : mapping of str to Settings
+        Of every stage of the procedure, by the stage's name.
+    """
+
+    path: Path
+    sha256: str
+    procedure: str
+    title: str
+    stand: Stand
+    limits: tuple[Limit, ...]
+    settings: Mapping[str, Settings]
+
+    @property
+    def streams(self) -> Mapping[StreamName, Stream]:
+        """The streams that the plan maps."""
+        settings = self.settings["ingest"]
+        assert isinstance(settings, ingest.Settings)
+        return settings.streams
+
+
+class _Plan(ingest.Settings):
+    """What the plans of all procedures have in common."""
+
+    procedure: str
+    title: str = Field("", description="what the recording is called in the report")
+    stand: Stand = Field(default_factory=Stand, description="the stand that the recording is from")
+    limits: tuple[Limit, ...] = Field((), description="what figures must be for the recording to pass")
+
+    @model_validator(mode="after")
+    def _limits_are_told_apart(self) -> Self:
+        first: dict[tuple[str, str], int] = {}
+        faults = []
+        for place, limit in enumerate(self.limits):
+            earlier = first.setdefault((limit.metric, limit.channel), place)
+            if earlier != place:
+                found = f"a second for {limit.metric!r}, {limit.channel!r}, as limits[{earlier + 1}]"
+                expected = "one limit for each metric and channel"
+                faults.append(Fault(("limits", place), expected, found, "make one of the two"))
+        if faults:
+            refuse(faults)
+        return self
+
+
+def load_plan(path: str | os.PathLike[str]) -> TestPlan:
+    """Read and check a test plan.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file.
+
+    Returns
+    -------
+    TestPlan
+
+    Raises
+    ------
+    PlanError
+        If it cannot be read, or is wrong: one line for each fault, with its line in the file.
+    """
+    path = Path(path)
+    content = _bytes(path)
+    text, data = _parsed(path, content)
+    model = plan_model(_procedure(path, text, data))
+    try:
+        plan = model.model_validate(_immutable(data), strict=True)
+    except ValidationError as error:
+        raise plan_error(path, key_lines(text), faults_of(error, data, model)) from None
+    mapped = {name: getattr(plan, name) for name in ingest.Settings.model_fields}
+    settings: dict[str, Settings] = {"ingest": ingest.Settings(**mapped)}
+    settings |= {stage: getattr(plan, stage) for stage in PROCEDURES[plan.procedure] if stage != "ingest"}
+    return TestPlan(
+        path=path,
+        sha256=hashlib.sha256(content).hexdigest(),
+        procedure=plan.procedure,
+        title=plan.title,
+        stand=plan.stand,
+        limits=plan.limits,
+        settings=MappingProxyType(settings),
+    )
+
+
+def find_plan(recording: Path) -> Path:
+    """The test plan of a recording: ``run7.toml`` beside ``run7.mcap``, else ``testplan.toml`` in the folder.
+
+    The name of a rosbag2 folder is taken whole; of ``run7.csv.gz`` both suffixes are taken off.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such recording.
+    PlanError
+        If it has no test plan; says which file to write, and how to begin.
+    """
+    shown_recording = shown_path(recording)
+    if not recording.exists():
+        raise RecordingError(
+            shown_recording, expected="a recording", found="no such file or folder", remedy="check the name"
+        )
+    own = own_plan(recording)
+    for plan in (own, own.with_name(FOLDER_PLAN)):
+        if plan.is_file():
+            return plan
+    begin = f"gyrostand plan init {shlex.quote(str(recording))} > {shlex.quote(str(own))}"
+    raise PlanError(
+        shown_recording,
+        expected=f"its test plan {shown_path(own)}, or {FOLDER_PLAN} in the folder",
+        found="neither",
+        remedy=f"begin one with '{begin}'",
+    )
+
+
+def own_plan(recording: Path) -> Path:
+    """Where the test plan of this recording alone is, or should be."""
+    if recording.name in ("", ".."):
+        recording = recording.resolve()
+    name = recording.name
+    if not recording.is_dir():
+        if name.lower().endswith(_PACKED):
+            name = Path(name).stem
+        name = Path(name).stem
+    return recording.with_name(f"{name}.toml")
+
+
+@cache
+def plan_model(procedure: str) -> type[_Plan]:
+    """The model of a procedure's test plans.
+
+    Parameters
+    ----------
+    procedure : str
+        A key of `PROCEDURES`.
+    """
+    name = (Literal[procedure], Field(description="the stages that the recording goes through"))
+    sections: dict[str, Any] = {"procedure": name}
+    for stage in PROCEDURES[procedure]:
+        if stage != "ingest":  # its settings are those of the top level
+            settings = import_module(f"pipeline.stages.{stage}").Settings
+            sections[stage] = (settings, Field(default_factory=settings))
+    return create_model(procedure, __base__=_Plan, **sections)
+
+
+def schema_text() -> str:
+    """JSON Schema of test plans, for editors: what ``schemas/testplan.schema.json`` holds."""
+    models = [(plan_model(procedure), "validation") for procedure in PROCEDURES]
+    _, schema = models_json_schema(models, title="gyrostand test plan")  # type: ignore[arg-type]
+    choices = [{"$ref": f"#/$defs/{procedure}"} for procedure in PROCEDURES]
+    whole = {"$schema": "https://json-schema.org/draft/2020-12/schema", "oneOf": choices, **schema}
+    return json.dumps(whole, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_schema() -> None:
+    """Write ``schemas/testplan.schema.json`` anew; a test says when that is due."""
+    (contracts.folder() / SCHEMA).write_text(schema_text(), encoding="utf-8")
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(_LARGEST + 1)
+    except OSError as error:
+        missing = isinstance(error, FileNotFoundError)
+        raise PlanError(
+            shown_path(path),
+            expected="a test plan",
+            found="no such file" if missing else error.strerror or str(error),
+            remedy="check the name; 'gyrostand plan init RECORDING' begins one",
+        ) from error
+    if len(content) > _LARGEST:
+        raise PlanError(
+            shown_path(path),
+            expected="a test plan of at most 1 MiB",
+            found="a larger file",
+            remedy="check the name",
+        )
+    return content
+
+
+def _parsed(path: Path, content: bytes) -> tuple[str, dict[str, Any]]:
+    """The text, and what it says as TOML."""
+    try:
+        text = content.decode("utf-8-sig")  # editors of Windows put a mark before it
+        return text, tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        line, found = content.count(b"\n", 0, error.start) + 1, f"the byte {content[error.start]:#04x}"
+    except tomllib.TOMLDecodeError as error:
+        at = _AT_LINE.search(str(error))
+        line = int(at[1]) if at and at[1] else max(1, len(text.splitlines()))
+        found = _AT_LINE.sub("", str(error))
+        found = f"what is none: {found[:1].lower()}{found[1:]}"
+    except RecursionError:
+        line, found = 1, "arrays or tables nested too deeply"
+    raise PlanError(
+        f"{shown_path(path)}:{line}",
+        expected="TOML in UTF-8",
+        found=found,
+        remedy="correct the line; https://toml.io shows how it is written",
+    )
+
+
+def _procedure(path: Path, text: str, data: Mapping[str, Any]) -> str:
+    """The procedure of a plan, which decides on all else."""
+    name = data.get("procedure")
+    if isinstance(name, str) and name in PROCEDURES:
+        return name
+    known = ", ".join(PROCEDURES)
+    if name is None:
+        fault = Fault((), "the key 'procedure' at the top", "none", f"add procedure = …, one of {known}")
+    else:
+        fault = unknown(("procedure", str(name)), "one of the procedures", tuple(PROCEDURES))
+        fault = fault._replace(key=("procedure",), found=shown(name))
+    raise plan_error(path, key_lines(text), [fault])
+
+
+def _immutable(value: Any) -> Any:
+    """Arrays as tuples, which is what the settings hold."""
+    if isinstance(value, dict):
+        return {key: _immutable(item) for key, item in value.items()}
+    return tuple(map(_immutable, value)) if isinstance(value, list) else value

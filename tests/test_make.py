@@ -1,0 +1,73 @@
+"""``make`` on real folders: odd names, parallel, incremental, and never a silent pass."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[1]
+GYROSTAND = f"{sys.executable} -m pipeline"
+ODD = ["a b: 12:30 $(touch hacked) 'x'.csv", "#100%;&.csv", "2026-11-22.csv", "ünïcode.csv"]
+
+
+def make(*arguments: str, recordings: Path, build: Path) -> subprocess.CompletedProcess[str]:
+    environment = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
+    settings = (f"RECORDINGS={recordings}", f"BUILD={build}", f"GYROSTAND={GYROSTAND}")
+    return subprocess.run(
+        # -o: the environment that runs this test is already set up
+        ["make", "-o", ".venv/.ready", *arguments, *settings],
+        cwd=PROJECT, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def odd_folder(csv_recording: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ODD:
+        shutil.copy(csv_recording, folder / name)
+    shutil.copy(csv_recording.with_suffix(".toml"), folder / "testplan.toml")
+    return folder
+
+
+def test_odd_names_in_parallel_then_nothing_to_do(odd_folder: Path, tmp_path: Path) -> None:
+    build = tmp_path / "build"
+    first = make("-j2", recordings=odd_folder, build=build)
+    assert first.returncode == 0, first.stderr + first.stdout
+    assert len(list(build.glob("metrics/recording=*/part-0.parquet"))) == len(ODD)
+    assert len(list(build.glob("report/*.html"))) == len(ODD) + 1
+    assert not (PROJECT / "hacked").exists()
+
+    stamps = {p: p.stat().st_mtime_ns for p in build.rglob("*.parquet")}
+    again = make("-j2", recordings=odd_folder, build=build)
+    assert again.returncode == 0, again.stderr
+    assert {p: p.stat().st_mtime_ns for p in build.rglob("*.parquet")} == stamps
+
+
+def test_a_failed_verdict_fails_each_time(odd_folder: Path, tmp_path: Path) -> None:
+    plan = odd_folder / "testplan.toml"
+    plan.write_text(
+        plan.read_text() + '\n[[limits]]\nmetric = "sample_count"\nchannel = "gyro"\nupper = 5.0\n'
+    )
+    for _ in range(2):  # the second time every table is up to date, the verdict still stands
+        result = make(recordings=odd_folder, build=tmp_path / "build")
+        assert result.returncode != 0
+        assert "fail" in result.stdout
+
+
+def test_an_unreadable_recording_fails_the_rest_goes_on(odd_folder: Path, tmp_path: Path) -> None:
+    (odd_folder / "broken.mcap").write_bytes(b"not a recording")
+    result = make(recordings=odd_folder, build=tmp_path / "build")
+    assert result.returncode != 0
+    assert "broken.mcap" in result.stderr
+    assert len(list((tmp_path / "build").glob("metrics/recording=*/part-0.parquet"))) == len(ODD)
+
+
+def test_validate(odd_folder: Path, tmp_path: Path) -> None:
+    assert make("validate", recordings=odd_folder, build=tmp_path / "build").returncode == 0
+    assert not (tmp_path / "build").exists()

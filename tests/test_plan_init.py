@@ -1,0 +1,201 @@
+"""The first test plan of a recording: complete but for what must not be guessed."""
+
+from __future__ import annotations
+
+import gzip
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline import formats
+from pipeline.formats.base import Field, Inspection, Series, Topic
+from pipeline.testplan import load_plan
+from pipeline.testplan_errors import PlanError
+from pipeline.testplan_init import escaped, find_candidates, initial_plan, quoted
+
+
+def table(
+    name: str, fields: str, clocks: dict[str, tuple[int, int]] | None = None, of: str = "x/msg/Y"
+) -> Topic:
+    return Topic(name, of, "cdr", 3, tuple(Field(f, "float64") for f in fields.split()), clocks or {})
+
+
+def loads(tmp_path: Path, text: str) -> str:
+    """What the plan is refused with; "" where it is accepted."""
+    path = tmp_path / "begun.toml"
+    path.write_text(text, encoding="utf-8")
+    try:
+        load_plan(path)
+    except PlanError as error:
+        return str(error)
+    return ""
+
+
+def test_a_text_file_with_units_and_one_time_needs_nothing_more(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text("Time (ms),Gyro X (dps),Gyro Y (dps),Gyro Z (dps),T (C)\n0,1,2,3,20\n1,1,2,3,20\n")
+    text = initial_plan(formats.inspect(path))
+    assert loads(tmp_path, text) == ""
+    plan = tomllib.loads(text)
+    assert plan["time"] == {"field": "Time (ms)", "unit": "ms"}
+    assert plan["streams"]["gyro"]["channels"]["q"] == {"field": "Gyro Y (dps)", "unit": "deg/s"}
+    assert "T (C)" in text
+
+
+def test_what_the_simulator_of_text_writes_is_mapped_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv.gz"
+    header = "time (s),p (rad/s),q (rad/s),r (rad/s),psi (deg),theta (deg),gamma (deg)"
+    path.write_bytes(gzip.compress(f"{header}\n0,1,2,3,4,5,6\n1,1,2,3,4,5,6\n".encode()))
+    text = initial_plan(formats.inspect(path))
+    assert loads(tmp_path, text) == ""
+    assert "gyrostand plan check run7.toml" in text
+    reference = tomllib.loads(text)["streams"]["reference"]
+    assert reference["quantity"] == "euler_krylov"
+    assert reference["channels"]["theta"] == {"field": "theta (deg)", "unit": "deg"}
+
+
+def test_units_that_the_file_does_not_state_are_blanks_that_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text("t,gyro_x,gyro_y,gyro_z\n0,1,2,3\n1,1,2,3\n")
+    text = initial_plan(formats.inspect(path))
+    refused = loads(tmp_path, text).splitlines()
+    assert len(refused) == 4
+    assert all(".unit: " in line or "time.unit" in line for line in refused)
+    assert text.count("# FILL IN: rad/s or deg/s") == 3
+    assert "# FILL IN: s, ms, us or ns" in text
+    filled = text.replace('unit = "" }', 'unit = "deg/s" }').replace('unit = ""', 'unit = "s"')
+    assert loads(tmp_path, filled) == ""
+
+
+def test_a_unit_that_is_none_of_the_quantity_is_a_blank_that_quotes_it() -> None:
+    fields = tuple(Field(f"gyro_{a}", "float64", "V") for a in "xyz")
+    text = initial_plan(Inspection(Path("a.csv"), "text", (Topic("", "row", "", 2, fields, {}),)))
+    assert "the file says 'V'" in text
+    assert tomllib.loads(text)["streams"]["gyro"]["channels"]["p"]["unit"] == ""
+
+
+def test_the_clocks_of_messages_are_offered_with_what_they_show(tmp_path: Path) -> None:
+    time = np.arange(101, dtype=np.int64) * 10_000_000
+    rates = dict.fromkeys(("angular_velocity.x", "angular_velocity.y", "angular_velocity.z"), np.zeros(101))
+    attitude = {f"quaternion.{a}": np.full(101, 0.5) for a in "wxyz"}
+    path = tmp_path / "run7.mcap"
+    formats.write(
+        path,
+        [
+            Series("/gyro", "sensor_msgs/msg/Imu", time + 1, np.zeros_like(time), rates),
+            Series("/reference", "geometry_msgs/msg/QuaternionStamped", time, time, attitude),
+        ],
+    )
+    text = initial_plan(formats.inspect(path))
+    assert '# clock = "header_stamp"    # /gyro: all 0, never set' in text
+    assert '# clock = "log_time"    # /gyro: 101 samples, 1 … 1000000001 ns, 1 s, mean 100 Hz' in text
+    assert "the message is defined in rad/s" in text
+    refused = loads(tmp_path, text)
+    assert "no clock is chosen" in refused
+    assert refused.count(".unit: ") == 3
+    assert "streams.reference" not in refused
+    filled = text.replace('unit = ""', 'unit = "rad/s"').replace("[time]", '[time]\nclock = "log_time"')
+    assert loads(tmp_path, filled) == ""
+
+
+def test_a_file_without_time_is_offered_a_rate_and_its_counter(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text(
+        "Packet number,Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s)\n1,1,2,3\n2,1,2,3\n"
+    )
+    text = initial_plan(formats.inspect(path))
+    assert '# counter = "Packet number"' in text
+    assert "no clock is chosen" in loads(tmp_path, text)
+    filled = text.replace("# rate = 400.0", "rate = 256").replace("# counter", "counter")
+    assert loads(tmp_path, filled) == ""
+
+
+@pytest.mark.parametrize(
+    ("fields", "chosen"),
+    [
+        ("p q r", "p q r"),
+        ("z y x gz gy gx", "gx gy gz"),
+        ("gx_rads gy_rads gz_rads", "gx_rads gy_rads gz_rads"),
+        ("accel_x accel_y accel_z omega_x omega_y omega_z", "omega_x omega_y omega_z"),
+        ("gyro_rad[0] gyro_rad[1] gyro_rad[2]", "gyro_rad[0] gyro_rad[1] gyro_rad[2]"),
+        ("imu.gyro.x imu.gyro.y imu.gyro.z", "imu.gyro.x imu.gyro.y imu.gyro.z"),
+        (
+            "angular_velocity_covariance[0] angular_velocity.x angular_velocity.y angular_velocity.z",
+            "angular_velocity.x angular_velocity.y angular_velocity.z",
+        ),
+        ("x y z", ""),
+        ("accel_x accel_y accel_z", ""),
+        ("gyro_bias_x gyro_bias_y gyro_bias_z", ""),
+        ("gx gy", ""),
+    ],
+)
+def test_fields_that_look_like_a_gyro(fields: str, chosen: str) -> None:
+    found = find_candidates([table("", fields)])
+    assert [f.path for c in found if c.stream == "gyro" for f in c.fields] == chosen.split()
+
+
+def test_a_message_with_rates_is_no_reference_of_itself() -> None:
+    imu = table(
+        "/imu",
+        "orientation.w orientation.x orientation.y orientation.z "
+        "angular_velocity.x angular_velocity.y angular_velocity.z",
+    )
+    odometry = table("/odom", "pose.orientation.w pose.orientation.x pose.orientation.y pose.orientation.z")
+    text = initial_plan(Inspection(Path("a.bag"), "ROS 1 bag", (imu, odometry)))
+    assert set(tomllib.loads(text)["streams"]) == {"gyro"}
+    assert text.count("# [streams.reference]") == 2
+    assert "the sensor's own estimate" in text
+
+
+def test_a_recording_without_a_gyro_lists_what_it_holds(tmp_path: Path) -> None:
+    joints = table("/joints", "position[0] velocity[0]", {"log_time": (0, 1)})
+    lost = Topic("/lost", "a/B", "cdr", 1, (), {}, "no definition")
+    text = initial_plan(Inspection(Path("a.mcap"), "MCAP", (joints, lost)))
+    assert "Nothing in the recording looks like a gyro" in text
+    assert "position[0], velocity[0]" in text
+    assert "cannot be decoded: no definition" in text
+    assert "streams.gyro.channels.p.field" in loads(tmp_path, text)
+    assert "holds nothing" in initial_plan(Inspection(Path("a.mcap"), "MCAP", ()))
+
+
+HOSTILE = st.text(min_size=1, max_size=8) | st.text(
+    '"\\\n\r\t\x00\x7f\ud800]#=\u2028', min_size=1, max_size=8
+)
+
+
+@given(prefix=HOSTILE, topic=HOSTILE, unit=HOSTILE)
+def test_hostile_names_are_strings_and_comments_and_nothing_else(prefix: str, topic: str, unit: str) -> None:
+    fields = tuple(Field(f"{prefix}.gyro.{axis}", unit, unit) for axis in "xyz")
+    recording = Topic(topic, prefix, unit, 3, fields, {"log_time": (0, 1)}, prefix)
+    text = initial_plan(Inspection(Path(f"a{prefix}".replace("/", "")), "MCAP", (recording,)))
+    plan = tomllib.loads(text)
+    assert set(plan) == {"procedure", "title", "stand", "time", "streams"}
+    assert set(plan["streams"]) == {"gyro"}
+    assert plan["time"] == {}
+    if "gyro" in prefix:  # else the field may not look like a gyro's
+        return
+    sayable = topic.encode("utf-8", "surrogatepass").decode("utf-8", "replace") == topic
+    if sayable and plan["streams"]["gyro"]["topic"]:
+        assert plan["streams"]["gyro"]["topic"] == topic
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"])))
+def test_a_quoted_name_is_read_back_the_same(name: str) -> None:
+    assert tomllib.loads(f"a = {quoted(name)}")["a"] == name
+    assert escaped(name).isprintable()
+
+
+def test_every_recording_of_others_begins_a_plan(shared_data: Path, tmp_path: Path) -> None:
+    for path in sorted([*shared_data.glob("csv/*.csv"), *shared_data.glob("turntable/*.csv")]):
+        text = initial_plan(formats.inspect(path))
+        plan = tomllib.loads(text)
+        assert set(plan["streams"]["gyro"]["channels"]) == {"p", "q", "r"}
+        if path.name == "fusion_sensor_data.csv":
+            assert loads(tmp_path, text) == ""
+        else:  # a unit or a clock is not stated
+            assert "FILL IN" in text
+            assert loads(tmp_path, text)
