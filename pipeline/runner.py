@@ -199,10 +199,11 @@ def _run_stages(
 def _run_stage(
     name: str, recording: Path, tables: Mapping[str, pa.Table], plan: TestPlan
 ) -> dict[str, pa.Table]:
-    stage: Stage = import_module(f"pipeline.stages.{name}")
+    module = import_module(f"pipeline.stages.{name}")
     settings = plan.settings[name]
-    if name == "ingest":  # the one door
-        return dict(stage.run(recording, settings, plan.stand))
+    if name == "ingest":  # the one door: it alone gets the recording
+        return dict(module.run(recording, settings, plan.stand))
+    stage: Stage = module
     missing = [t for t in stage.CONSUMES if t not in tables]
     if missing:
         raise StageError(
@@ -236,7 +237,8 @@ def _outcome(
     name: str, procedure: str, metrics: pa.Table, findings: pa.Table, *, up_to_date: bool = False
 ) -> Outcome:
     lost = findings.column("kind").to_pylist().count("loss")
-    return Outcome(name, procedure, metrics, findings, verdicts.overall(metrics.to_pylist()), lost, up_to_date)
+    verdict = verdicts.overall(metrics.to_pylist())
+    return Outcome(name, procedure, metrics, findings, verdict, lost, up_to_date)
 
 
 def _versions() -> dict[str, str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -57,7 +58,7 @@ class Channels:
 
 
 Message = tuple[Channel, int, int, Bytes]
-"""Channel, log time and publish time [ns], payload. The payload is valid until the next message."""
+"""Channel, log time and publish time [ns], payload, which may be a view that keeps a whole chunk alive."""
 
 
 class Source(Protocol):
@@ -77,6 +78,7 @@ class Source(Protocol):
         ...
 
 
+@lru_cache(maxsize=64)
 def payload_of(schema: Schema) -> Payload:
     """The payload that reads a channel's messages.
 

@@ -32,7 +32,7 @@ _FILLER = "structure_needs_at_least_one_member"
 _INCLUDE = re.compile(r"^[ \t]*#[^\n]*$", re.MULTILINE)
 """What generated IDL includes stands below, and the parser knows no preprocessor."""
 _IDL_RULE = "=" * 80 + "\n"
-_MAX_DEFINITION = 4 * 2**20
+_MAX_DEFINITION = 2**18
 _MAX_DEPTH = 64
 _MAX_WEIGHT = 10**6
 """Members of a message, written out; definitions of a few lines can double it with each line."""

@@ -108,7 +108,8 @@ def _matrix(stage: str, stream: str, rows: Sequence[Row]) -> str:
         + "</tr>"
         for (name, of), by_channel in metrics.items()
     )
-    heads = (f"metrics of {stage}", "unit", *(channel.removeprefix(f"{stream}.") for channel in channels))
+    title = f"{stage} of {stream}" if stream else stage
+    heads = (title, "unit", *(channel.removeprefix(f"{stream}.") for channel in channels))
     return _table(heads, body, tuple(range(2, len(heads))), "matrix")
 
 

@@ -63,7 +63,7 @@ def test_the_order_is_verdict_metrics_findings_pictures_provenance() -> None:
 
 def test_metrics_with_limits_come_first_and_findings_by_severity() -> None:
     text = Elements(page.render("run-7", make_tables())).text
-    assert text.index("≤ 10×10⁻⁶") < text.index("metrics of score")
+    assert text.index("≤ 10×10⁻⁶") < text.index("0.00675")
     severities = [text.index(f"about {kind}") for kind in ("gap", "clocks")]
     assert severities == sorted(severities)
     assert "1 error, 1 warning, 2 info" in text
