@@ -5,6 +5,8 @@ The files of a split bag are read one after the other. A bare .mcap file is `pip
 
 from __future__ import annotations
 
+import errno
+import sqlite3
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -78,18 +80,22 @@ def write(path: Path, series: Sequence[Series]) -> None:
         )
     topics = [encode(one, "cdr") for one in series]
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(path, version=8) as writer:
-        connections = [
-            writer.add_connection(
-                one.topic,
-                one.message_type,
-                msgdef=topic.schema.data.decode(),
-                rihs01=store.hash_rihs01(one.message_type),
-            )
-            for one, topic in zip(series, topics, strict=True)
-        ]
-        for number, index, time in in_time_order(series):
-            writer.write(connections[number], time, topics[number].messages[index])
+    try:
+        with Writer(path, version=8) as writer:
+            connections = [
+                writer.add_connection(
+                    one.topic,
+                    one.message_type,
+                    msgdef=topic.schema.data.decode(),
+                    rihs01=store.hash_rihs01(one.message_type),
+                )
+                for one, topic in zip(series, topics, strict=True)
+            ]
+            for number, index, time in in_time_order(series):
+                writer.write(connections[number], time, topics[number].messages[index])
+    except sqlite3.OperationalError as error:
+        full = error.sqlite_errorcode == sqlite3.SQLITE_FULL
+        raise OSError(errno.ENOSPC if full else errno.EIO, str(error)) from error
 
 
 def _source(path: Path) -> Source:

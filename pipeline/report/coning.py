@@ -25,6 +25,7 @@ _LOOK = {REFERENCE: (PALE, 4.0), INTEGRATED: (VERMILION, 1.3), CORRECTED: (BLUE,
 Angles = Mapping[str, Series]
 """The angles [rad] of a record by their origin: `INTEGRATED`, and `REFERENCE` and `CORRECTED` where known."""
 
+_RATE_STREAMS = ("gyro", "gyro_increments", "rates")
 _SAMPLES_SHOWN = 40
 _PERIODS_SHOWN = 4
 _DOTS_APART = 100  # samples of the reference over half the page that can be told apart
@@ -66,12 +67,13 @@ def _rates(tables: Tables, clock: Clock, x_range: Range1d) -> Section | None:
     if measured is None:
         return None
     found = timeline.marks(tables["findings"], clock)
+    in_rates = timeline.marks(tables["findings"], clock, _RATE_STREAMS)
     rows = []
     for name, colour in RATES.items():
         factor, unit = scale.rate([measured.values[name]])
         lowest = name == "r" and not found
         made = style.panel(f"{name} [{unit}]", x_range, height=130, x_label=TIME if lowest else None)
-        timeline.shade(made, found)
+        timeline.shade(made, in_rates)
         style.curve(made, measured.time, measured.values[name] / factor, colour, gap=measured.gap)
         rows.append([made])
     if found:

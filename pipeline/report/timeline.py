@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import pyarrow as pa
@@ -21,7 +22,7 @@ _REST = "other kinds"
 Mark = dict[str, Any]
 
 
-def marks(findings: pa.Table, clock: Clock) -> list[Mark]:
+def marks(findings: pa.Table, clock: Clock, streams: Collection[str] | None = None) -> list[Mark]:
     """What to draw: findings that have a time, those of one kind within a column of pixels taken together.
 
     Parameters
@@ -30,14 +31,20 @@ def marks(findings: pa.Table, clock: Clock) -> list[Mark]:
         As its contract says.
     clock : Clock
         The record's time; what lies outside is drawn at its edge.
+    streams : collection of str, optional
+        Only the findings in these.
 
     Returns
     -------
     list of dict
         ``kind``, ``severity``, ``start`` and ``end`` [s], ``number`` of findings taken together, and
-        ``detail`` of the first, by lanes in the order in which they begin.
+        ``stream`` and ``detail`` of the first, by lanes in the order in which they begin.
     """
-    timed = [row for row in findings.to_pylist() if row["start"] is not None]
+    timed = [
+        row
+        for row in findings.to_pylist()
+        if row["start"] is not None and (streams is None or row["stream"] in streams)
+    ]
     lanes: dict[str, list[Mark]] = {}
     for row in sorted(timed, key=lambda row: row["start"]):
         start, end = _span(row, clock)
@@ -56,6 +63,7 @@ def marks(findings: pa.Table, clock: Clock) -> list[Mark]:
                     "start": start,
                     "end": end,
                     "number": 1,
+                    "stream": row["stream"],
                     "detail": row["detail"],
                 }
             )
@@ -136,7 +144,7 @@ def _short(kind: str) -> str:
 
 def _what(mark: Mark) -> str:
     together = "" if mark["number"] == 1 else f", {plural(mark['number'], 'finding')} taken together"
-    return f"{mark['severity']}: {mark['kind']}{together}"
+    return f"{mark['severity']}: {mark['kind']} in {mark['stream']}{together}"
 
 
 def _when(mark: Mark) -> str:

@@ -51,7 +51,6 @@ def audit_values(
     finite = {name: np.isfinite(values) for name, values in channels.items()}
     _mark_not_finite(report, finite)
     _say_silent_channels(report, channels, finite)
-    _mark_frozen(report, channels, finite, thresholds.frozen_samples, comparison)
     _say_held(report, channels, finite, regular)
     clipped, spiking = {}, {}
     for name, values in channels.items():
@@ -60,7 +59,8 @@ def audit_values(
         sound = values[index] if report.stream != "reference" else np.unwrap(values[index])
         clipped[name] = _mark_clipped(report, name, index, sound, thresholds.clipped_samples)
         spiking[name] = _mark_spikes(report, name, index, sound, thresholds.spike_factor)
-    for kind, masks in (("clipped", clipped), ("spike", spiking)):
+    frozen = _mark_frozen(report, channels, finite, clipped, thresholds.frozen_samples, comparison)
+    for kind, masks in (("clipped", clipped), ("spike", spiking), ("frozen", frozen)):
         _count(report, f"{kind}_count", masks)
 
 
@@ -123,20 +123,22 @@ def _mark_frozen(
     report: StreamReport,
     channels: Mapping[str, Float],
     finite: Mapping[str, Bool],
+    explained: Mapping[str, Bool],
     minimum: int,
     comparison: Comparison | None,
-) -> None:
-    """Frozen runs of all channels together, then of each alone; steady ones that the reference confirms."""
+) -> dict[str, Bool]:
+    """Frozen runs of all channels together, then of each alone where it is not clipped; as masks too."""
     held, frozen = _mark_held_together(report, channels, finite, minimum, comparison)
     masks = {}
     for name, values in channels.items():
         index = np.flatnonzero(finite[name])
         found = _in_record(frozen_runs(values[index], minimum), index)
-        alone = [not held[a:b].all() for a, b in zip(found.start, found.stop, strict=True)]
+        known = held | explained[name]
+        alone = [not known[a:b].all() for a, b in zip(found.start, found.stop, strict=True)]
         found = _some(found, np.array(alone, dtype=np.bool_))
         _mark_hold(report, "frozen", found, name)
         masks[name] = frozen | _mask(found, len(report.time))
-    _count(report, "frozen_count", masks)
+    return masks
 
 
 def _mark_held_together(

@@ -80,10 +80,12 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     dict
         ``findings`` and ``metrics``.
     """
-    comparison = compare(tables)
-    reports = [
-        _audit(tables[stream], stream, settings, comparison) for stream in MAY_CONSUME if stream in tables
-    ]
+    # What was recorded may be near the largest float; what overflows then is infinite, and marks nothing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        comparison = compare(tables)
+        reports = [
+            _audit(tables[stream], stream, settings, comparison) for stream in MAY_CONSUME if stream in tables
+        ]
     return {
         "findings": rows("findings", [row for report in reports for row in report.findings]),
         "metrics": rows("metrics", [row for report in reports for row in report.metrics]),

@@ -42,9 +42,10 @@ not, since its rounding alone would turn the axes by 1e-6 rad."""
 def _rotation(matrix: Matrix) -> Matrix:
     """Pass a matrix if it is a rotation: rows orthonormal, determinant +1."""
     R = np.array(matrix)
-    deviation = float(np.abs(R @ R.T - np.eye(3)).max())
-    determinant = float(np.linalg.det(R))
-    if deviation > ORTHONORMAL:
+    with np.errstate(all="ignore"):  # absurd numbers give inf or NaN, which are refused
+        deviation = float(np.abs(R @ R.T - np.eye(3)).max())
+        determinant = float(np.linalg.det(R))
+    if not deviation <= ORTHONORMAL:
         refuse(
             [
                 Fault(

@@ -167,8 +167,9 @@ def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table
     tables: dict[str, pa.Table] = {}
     findings = [*_losses(read.losses, settings), *_uncertain_times(read.losses, settings)]
     for name, stream in settings.streams.items():
-        samples = _samples(recording, name, stream, settings.clock(name), read.tables[stream.topic])
-        table, columns = _columns(samples)
+        with np.errstate(all="ignore"):  # infinities that were recorded
+            samples = _samples(recording, name, stream, settings.clock(name), read.tables[stream.topic])
+            table, columns = _columns(samples)
         tables[table] = _table(table, samples, columns)
         findings += samples.findings
     return {**tables, "findings": rows("findings", findings)}
@@ -297,11 +298,10 @@ def _turned(quaternion: Float, stream: Stream) -> Float:
 
 def _unit_quaternions(samples: _Samples) -> Float:
     """The quaternions at norm 1; what had to be bent for it is said."""
-    with np.errstate(all="ignore"):  # infinities that were recorded
-        norm = np.sqrt(np.sum(samples.values**2, axis=1))
-        usable = np.isfinite(norm) & (norm > 0)
-        off = usable & (np.abs(norm - 1) > UNIT_NORM)
-        unit = np.where(usable[:, np.newaxis], samples.values / norm[:, np.newaxis], np.nan)
+    norm = np.sqrt(np.sum(samples.values**2, axis=1))
+    usable = np.isfinite(norm) & (norm > 0)
+    off = usable & (np.abs(norm - 1) > UNIT_NORM)
+    unit = np.where(usable[:, np.newaxis], samples.values / norm[:, np.newaxis], np.nan)
     if off.any():
         detail = (
             f"quaternions have norms of {norm[off].min():.6g} to {norm[off].max():.6g}; they are normalised"

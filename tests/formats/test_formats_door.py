@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 from dataclasses import replace
 
 import numpy as np
@@ -105,3 +106,15 @@ def test_series_that_ros_cannot_hold_is_refused(tmp_path, series, change) -> Non
     with pytest.raises(RecordingError) as caught:
         formats.write(tmp_path / "run.mcap", [replace(series[0], **change)])
     assert caught.value.exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run", "run.csv"])
+def test_disk_that_takes_no_more_leaves_nothing_behind(tmp_path, series, name) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))  # less than any of the files takes
+    try:
+        with pytest.raises(RecordingError, match="place to write"):
+            formats.write(tmp_path / name, series[:1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []

@@ -59,6 +59,12 @@ def test_a_kind_that_looks_like_a_formula_is_a_plain_label() -> None:
     assert label.text == "$$x^2$$"
 
 
+def test_findings_of_one_stream() -> None:
+    rows = [finding("frozen", "warning", 0.0, 1.0, stream="reference"), finding("gap", "warning", 2.0, 3.0)]
+    assert [m["stream"] for m in timeline.marks(from_rows("findings", rows), CLOCK)] == ["reference", "gyro"]
+    assert [m["kind"] for m in timeline.marks(from_rows("findings", rows), CLOCK, ["gyro"])] == ["gap"]
+
+
 def test_curves_are_tinted_where_it_matters_only() -> None:
     for severity, strips in (("info", 0), ("warning", 1), ("error", 1)):
         made = style.panel("p", style.span(0, 10))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -120,6 +120,15 @@ def test_rotation_takes_sensor_axes_to_body_axes(recording: Path, rates: Float) 
         [rates[:, 2], 0.6 * rates[:, 0] - 0.8 * rates[:, 1], 0.8 * rates[:, 0] + 0.6 * rates[:, 1]]
     )
     assert columns(table, "p", "q", "r") == pytest.approx(expected, abs=1e-15)  # two products, values near 1
+
+
+def test_what_is_not_finite_stays_so_and_disturbs_nothing_else(tmp_path: Path, rates: Float) -> None:
+    rates[3, 0], rates[5, 1], rates[7] = np.inf, np.nan, 1e308
+    path = tmp_path / "run.mcap"
+    formats.write(path, [gyro(rates)])
+    stream = imu("rev/s", rotation=AXES.tolist())
+    found = columns(ingest(path, gyro=stream)["gyro"], "p", "q", "r")
+    assert np.flatnonzero(~np.isfinite(found).all(axis=1)).tolist() == [3, 5, 7]
 
 
 def test_increments_become_their_own_table(recording: Path, rates: Float) -> None:
@@ -312,6 +321,7 @@ def test_a_counter_wraps_around_where_the_plan_says_so_and_may_step_back() -> No
         counted([254, 256], rate=1.0, wraps_at=256)
 
 
+@settings(deadline=None)  # the machine's load is not under test
 @given(
     rate=st.floats(0.01, 1e6),
     first=st.integers(0, 2**40),
