@@ -71,7 +71,7 @@ $(VENV)/.ready-dev: requirements-dev.lock pyproject.toml
 
 define install
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "gyrostand needs Python 3.11 or newer; set PYTHON=…")'
-	@test -x $(BIN)/python || $(if $(UV),$(UV) venv -q --python $(PYTHON),$(PYTHON) -m venv) $(VENV)
+	@test -x $(BIN)/python || $(if $(UV),$(UV) venv -q --seed --python $(PYTHON),$(PYTHON) -m venv) $(VENV)
 	@echo "setting up $(VENV) from $(1)"
 	@$(if $(UV),$(UV) pip install -q --python $(BIN)/python,$(BIN)/python -m pip install -q --disable-pip-version-check) \
 		--require-hashes -r $(1)

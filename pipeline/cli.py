@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -112,7 +113,7 @@ def inspect(recording: Recording, as_json: JsonOption = False) -> None:
 @app.command()
 def check(paths: Annotated[list[Path], typer.Argument(help="Output folders or Parquet files.")]) -> None:
     """Verify page checksums, contracts, units, ranges, time and row counts of outputs."""
-    from pipeline.check import check as check_outputs
+    from pipeline.storage.check import check as check_outputs
 
     faults = check_outputs(paths)
     for fault in faults:
@@ -177,7 +178,7 @@ def plan_check(file: Annotated[Path, typer.Argument(help="A test plan (TOML).")]
 def plan_init(recording: Recording) -> None:
     """Print a commented test plan made from what a recording holds."""
     from pipeline import formats
-    from pipeline.testplan_init import initial_plan
+    from pipeline.testplan.initial import initial_plan
 
     typer.echo(initial_plan(formats.inspect(recording)), nl=False)
 
@@ -212,12 +213,13 @@ def reproduce_godorov(as_json: JsonOption = False) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; turn every error into one line and its exit code."""
+    signal.signal(signal.SIGINT, _interrupt)
     try:
         app(args=arguments)
     except GyrostandError as error:
         _fail(str(error), error.exit_code)
-    except KeyboardInterrupt:
-        _fail("interrupted; what was published is whole, run again to go on", 130)
+    except _InterruptedError:
+        _fail("interrupted; what was published is whole, run again to go on", 128 + signal.SIGINT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
@@ -231,8 +233,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
 
 
-def _fail(line: str, code: int) -> None:
-    sys.stderr.write(f"gyrostand: {line}\n")
+class _InterruptedError(BaseException):
+    """Ctrl-C. The command-line library would take Python's own for itself, and say nothing."""
+
+
+def _interrupt(*_: object) -> NoReturn:
+    raise _InterruptedError
+
+
+def _fail(lines: str, code: int) -> NoReturn:
+    for line in lines.splitlines():
+        sys.stderr.write(f"gyrostand: {line}\n")
     sys.exit(code)
 
 

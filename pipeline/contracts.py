@@ -3,7 +3,7 @@
 A contract is one JSON file: the table's title and, for each column, name, Arrow type, unit, whether it
 may be null, its meaning, and, where they apply, its range, its allowed values, whether it holds what was
 recorded (then NaN and infinities may occur) and how it must rise. It is the single source of truth for the
-code, for CI and for analysts. `pipeline.contract_check` holds a table against it.
+code, for CI and for analysts. `pipeline.storage.contract_check` holds a table against it.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from pathlib import Path
 from pipeline import runner, storage
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.formats.base import RecordingError
-from pipeline.naming import COMPRESSIONS, SUFFIXES
+from pipeline.storage.naming import COMPRESSIONS, SUFFIXES
 from pipeline.testplan import find_plan
 
 RULES = "recordings.mk"

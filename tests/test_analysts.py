@@ -14,7 +14,7 @@ import pytest
 from small_outputs import START, publish
 
 from pipeline import storage
-from pipeline.naming import recording_id
+from pipeline.storage.naming import recording_id
 
 NAMES = ("run7.mcap", "007.mcap", "2026-11-22.csv", "true.bag", "nan.bag", "null.bag", "1e5.bag")
 IDS = sorted(recording_id(Path(name)) for name in NAMES)

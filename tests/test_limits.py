@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pipeline.contract_check import violations
 from pipeline.limits import Limit, judge, met
 from pipeline.stages.base import metric, rows
+from pipeline.storage.contract_check import violations
 
 
 def limit(**bounds: float) -> Limit:

@@ -37,7 +37,7 @@ from pipeline.numerics.rotation import (
 )
 
 _ITERATIONS = 50
-_CONVERGED = 1e-6
+_CONVERGED = 1e-3
 """Steps smaller than this part of the standard errors do not matter."""
 
 _STEEPEST = 10.0

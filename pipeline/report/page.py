@@ -17,12 +17,12 @@ from urllib.parse import quote
 import pyarrow as pa
 
 from pipeline import storage
-from pipeline.parquet import writing
 from pipeline.report import embed, parts
 from pipeline.report.base import FIGURES, Clock, Section, Tables, record_clock
 from pipeline.report.formatting import number
 from pipeline.report.style import COLUMNS
 from pipeline.report.verdict import badge, banner, reason
+from pipeline.storage.parquet import writing
 from pipeline.verdicts import overall
 
 FOLDER = "report"

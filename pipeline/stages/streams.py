@@ -28,6 +28,9 @@ CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 LONGEST = 3.0
 """An interval of more than this many nominal ones is a gap between gyro and reference."""
 
+LARGEST = 1e100
+"""Beyond this the squares and sums of values leave float64."""
+
 MARGIN = 8
 """Samples to keep from a gap: the ripple of a quintic spline falls to 0.43 from one sample to the next."""
 
@@ -73,7 +76,10 @@ class Pair:
 
 
 def pair(tables: Tables, least: int) -> Pair | None:
-    """Gyro (or angle increments) and reference, or None where either has fewer usable samples than asked."""
+    """Gyro (or angle increments) and reference, made comparable.
+
+    None where either has fewer usable samples than asked, or a value too large to be squared.
+    """
     stream = next((name for name in ("gyro", "gyro_increments") if name in tables), None)
     if stream is None or "reference" not in tables:
         return None
@@ -81,6 +87,8 @@ def pair(tables: Tables, least: int) -> Pair | None:
     reference_time, angles = usable(tables["reference"], "reference")
     least = max(least, 6)
     if min(len(time), len(reference_time)) < least:
+        return None
+    if max(np.abs(values).max(), np.abs(angles).max()) > LARGEST:
         return None
     own, other = intervals(time), intervals(reference_time)
     every = max(round(own.nominal / other.nominal), 1)

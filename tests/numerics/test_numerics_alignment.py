@@ -25,7 +25,7 @@ Float = np.ndarray
 OFFSET = 0.0237  # s
 MOUNTING = (0.2, -0.3, 0.5)  # rad, from case to body
 BIAS = np.array([0.01, -0.02, 0.005])  # rad/s
-DURATION = 40.0  # s
+DURATION = 20.0  # s
 
 
 def records(
@@ -134,9 +134,9 @@ class TestEstimate:
         ("rates_noise", "angle_noise"), [(1e-3, 1e-4), (1e-2, 1e-6), (1e-5, 1e-3), (3e-2, 3e-3)], ids=str
     )
     def test_it_errs_as_it_says(self, rates_noise: float, angle_noise: float) -> None:
-        """Offset and mounting, each over its standard error, at 120 seeds."""
+        """Offset and mounting, each over its standard error, at 100 seeds."""
         errors = []
-        for seed in range(120):
+        for seed in range(100):
             found = estimate(*records(seed, rates_noise, angle_noise))
             errors.append(
                 [
@@ -145,9 +145,9 @@ class TestEstimate:
                 ]
             )
         normalised = np.array(errors)
-        # 480 values: standard error of their standard deviation 0.032, of each mean over 120 seeds 0.09.
+        # 400 values: standard error of their standard deviation 0.035, of each mean over 100 seeds 0.1.
         assert 0.9 < np.sqrt(np.mean(normalised**2)) < 1.1
-        assert np.abs(normalised.mean(axis=0)).max() < 0.3
+        assert np.abs(normalised.mean(axis=0)).max() < 0.35
 
     def test_it_knows_what_it_should_know(self) -> None:
         """The standard errors are small: 1e-5 s and 1e-4 rad where the samples are 10 ms apart."""

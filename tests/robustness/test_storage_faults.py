@@ -16,9 +16,10 @@ import pytest
 from small_outputs import files, publish, tables
 from storage_process import SAMPLES
 
-from pipeline import parquet, storage
-from pipeline.check import check
+from pipeline import storage
 from pipeline.errors import ExitCode, GyrostandError
+from pipeline.storage import parquet
+from pipeline.storage.check import check
 
 HERE = Path(__file__).resolve().parent
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{HERE.parents[1]}{os.pathsep}{HERE.parent}"}

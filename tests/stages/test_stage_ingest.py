@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pipeline import formats
-from pipeline.contract_check import violations
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.formats.base import Series
 from pipeline.numerics.rotation import (
@@ -26,6 +25,7 @@ from pipeline.stages.base import StageError, Stand
 from pipeline.stages.channel_map import Clock
 from pipeline.stages.ingest import Settings, run
 from pipeline.stages.sample_time import sample_times
+from pipeline.storage.contract_check import violations
 
 Float = NDArray[np.float64]
 

@@ -34,8 +34,9 @@ from pipeline.procedures import PROCEDURES
 from pipeline.stages import ingest
 from pipeline.stages.base import Settings, Stand
 from pipeline.stages.channel_map import Stream, StreamName
-from pipeline.testplan_errors import PlanError, faults_of, plan_error, shown, shown_path, unknown
-from pipeline.testplan_locate import key_lines
+from pipeline.storage.naming import COMPRESSIONS
+from pipeline.testplan.errors import PlanError, faults_of, plan_error, shown, shown_path, unknown
+from pipeline.testplan.locate import key_lines
 
 FOLDER_PLAN = "testplan.toml"
 """The plan of every recording of its folder that has none of its own."""
@@ -43,7 +44,6 @@ FOLDER_PLAN = "testplan.toml"
 SCHEMA = "testplan.schema.json"
 
 _LARGEST = 2**20
-_PACKED = (".gz", ".zst")
 _AT_LINE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
 
 
@@ -178,7 +178,7 @@ def own_plan(recording: Path) -> Path:
         recording = recording.resolve()
     name = recording.name
     if not recording.is_dir():
-        if name.lower().endswith(_PACKED):
+        if name.lower().endswith(COMPRESSIONS):
             name = Path(name).stem
         name = Path(name).stem
     return recording.with_name(f"{name}.toml")

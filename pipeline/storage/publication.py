@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from pipeline import parquet
-from pipeline.contract_check import schema_violations, violations
 from pipeline.contracts import Contract, ContractError, contract
 from pipeline.errors import ExitCode, GyrostandError
-from pipeline.naming import LONGEST, is_safe, recording_id
-from pipeline.parquet import Published, StorageError
+from pipeline.storage import parquet
+from pipeline.storage.contract_check import schema_violations, violations
+from pipeline.storage.naming import LONGEST, is_safe, recording_id
+from pipeline.storage.parquet import Published, StorageError
 
 if TYPE_CHECKING:
     import pandas as pd

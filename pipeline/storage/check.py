@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pipeline import contracts, parquet, storage
-from pipeline.contract_check import stated, violations
+from pipeline import contracts, storage
 from pipeline.errors import ExitCode, GyrostandError
-from pipeline.storage import PARTITION, PROVENANCE, Published, StorageError
+from pipeline.storage import PARTITION, PROVENANCE, Published, StorageError, parquet
+from pipeline.storage.contract_check import stated, violations
 
 
 def check(paths: Sequence[Path]) -> list[str]:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pipeline import formats
 from pipeline.formats.base import Field, Inspection, Series, Topic
 from pipeline.testplan import load_plan
-from pipeline.testplan_errors import PlanError
-from pipeline.testplan_init import escaped, find_candidates, initial_plan, quoted
+from pipeline.testplan.errors import PlanError
+from pipeline.testplan.initial import escaped, find_candidates, initial_plan, quoted
 
 
 def table(

@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 from small_outputs import provenance, publish, tables
 
-from pipeline import contracts, parquet, storage
-from pipeline.check import check
+from pipeline import contracts, storage
 from pipeline.errors import ExitCode
-from pipeline.storage import Published, StorageError, table_file
+from pipeline.storage import Published, StorageError, parquet, table_file
+from pipeline.storage.check import check
 
 
 @pytest.fixture

@@ -15,8 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline import contract_check, contracts, parquet
-from pipeline.contract_check import violations
+from pipeline import contracts
+from pipeline.storage import contract_check, parquet
+from pipeline.storage.contract_check import violations
 
 LIMITED = contracts.parse(
     json.dumps(

@@ -15,8 +15,8 @@ from pipeline import contracts
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.procedures import PROCEDURES
 from pipeline.stages import ingest, interpolate
-from pipeline.testplan import SCHEMA, find_plan, load_plan, schema_text
-from pipeline.testplan_errors import PlanError
+from pipeline.testplan.errors import PlanError
+from pipeline.testplan.load import SCHEMA, find_plan, load_plan, schema_text
 
 GOOD = """\
 procedure = "coning"
@@ -260,7 +260,7 @@ def test_any_value_anywhere_is_accepted_or_refused_as_a_plan(
 
 
 def test_the_schema_is_current() -> None:
-    """If this fails: ``python -c "from pipeline.testplan import write_schema; write_schema()"``."""
+    """If this fails: ``python -c "from pipeline.testplan.load import write_schema; write_schema()"``."""
     assert (contracts.folder() / SCHEMA).read_text(encoding="utf-8") == schema_text()
     schema = json.loads(schema_text())
     assert [choice["$ref"].rsplit("/")[-1] for choice in schema["oneOf"]] == list(PROCEDURES)

@@ -11,9 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 from small_outputs import START, tables
 
-from pipeline import contracts, parquet
-from pipeline.contract_check import schema_violations
+from pipeline import contracts
 from pipeline.errors import ExitCode, GyrostandError
+from pipeline.storage import parquet
+from pipeline.storage.contract_check import schema_violations
 
 
 @pytest.fixture

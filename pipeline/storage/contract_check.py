@@ -16,8 +16,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from pipeline import parquet
 from pipeline.contracts import Column, Contract, contract
+from pipeline.storage import parquet
 
 BATCH = 1 << 18
 """Rows looked at together: 2 MiB a float column."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pipeline import units
 from pipeline.formats.base import Field, Inspection, Topic
 from pipeline.stages.channel_map import CHANNELS, DIMENSIONS, Quantity, StreamName
-from pipeline.testplan import own_plan
+from pipeline.testplan.load import own_plan
 
 _WIDTH = 110
 _LISTED = 100
@@ -86,7 +86,7 @@ def initial_plan(inspection: Inspection) -> str:
     Returns
     -------
     str
-        TOML. Where nothing is left to fill in, `testplan.load_plan` accepts it as it is.
+        TOML. Where nothing is left to fill in, `load_plan` accepts it as it is.
     """
     candidates = find_candidates(inspection.topics)
     gyro = next((c for c in candidates if c.stream == "gyro"), None)

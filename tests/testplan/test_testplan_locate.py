@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.testplan_locate import Key, key_lines, line_of
+from pipeline.testplan.locate import Key, key_lines, line_of
 
 EVERY_FORM = '''\
 procedure = "coning"   # [not.a.table]

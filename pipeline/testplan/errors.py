@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.plan_faults import FAULT, Fault
-from pipeline.testplan_locate import Key, line_of
+from pipeline.testplan.locate import Key, line_of
 
 _LISTED = 16
 """Keys that an error lists."""
@@ -73,7 +73,7 @@ def plan_error(path: Path, lines: Mapping[Key, int], faults: Sequence[Fault]) ->
     path : Path
         The test plan.
     lines : mapping
-        Line of each key, see `testplan_locate.key_lines`.
+        Line of each key, see `locate.key_lines`.
     faults : sequence of Fault
         At least one; keys from the top of the file.
     """
