@@ -20,13 +20,13 @@ _FINDINGS_MOST = 500
 
 
 def metrics(rows: Sequence[Row]) -> str:
-    """Metrics with a limit, one a row; then all of them, for each stage a table by channels."""
+    """Metrics with a limit, one a row; then all of them by channels, those of the earlier stages folded."""
     judged = limited(rows)
     computed = [row for row in rows if row["stage"]]  # not those that only a limit asks for
     stages = list(dict.fromkeys(row["stage"] for row in reversed(computed)))  # the procedure's end first
-    return (_judged(judged) if judged else "") + "".join(
-        _by_channel(stage, [row for row in computed if row["stage"] == stage]) for stage in stages
-    )
+    tables = [_by_channel(stage, [row for row in computed if row["stage"] == stage]) for stage in stages]
+    folded = [_fold(f"Metrics of {stage}", table) for stage, table in zip(stages[1:], tables[1:], strict=True)]
+    return (_judged(judged) if judged else "") + "".join(tables[:1] + folded)
 
 
 def findings(table: pa.Table, clock: Clock | None) -> str:

@@ -16,6 +16,11 @@ Int = NDArray[np.int64]
 Row = dict[str, Any]
 
 
+def samples(count: int) -> str:
+    """A count of samples in words."""
+    return f"{count} sample" if count == 1 else f"{count} samples"
+
+
 @dataclass(slots=True)
 class StreamReport:
     """Findings and metrics of one stream, as they are found."""
@@ -110,7 +115,7 @@ class StreamReport:
         self.findings.append(
             finding(
                 "audit", self.stream, kind, severity,
-                f"{len(rest)} more, {total} samples together, none with more than {counts[rest].max()}",
+                f"{len(rest)} more, {samples(total)} together, none with more than {counts[rest].max()}",
                 channel=channel, start=int(ends.min()), end=int(ends.max()), count=total,
             )
         )  # fmt: skip

@@ -17,7 +17,7 @@ from pipeline.numerics.sampling import (
     runs,
 )
 from pipeline.numerics.time_grid import advancing
-from pipeline.stages._audit_rows import StreamReport
+from pipeline.stages._audit_rows import StreamReport, samples
 
 CLOCKS = ("header_stamp", "log_time", "publish_time")
 """The columns of a stream table that hold clocks of the message."""
@@ -33,8 +33,8 @@ def audit_stamps(report: StreamReport, gap_factor: float, max_jitter: float) -> 
     """Mark stamps that do not advance, gaps and jitter; say the rate. None where nothing advances."""
     advance = advancing(report.time)
     for kind, mask, what in (
-        ("repeated stamp", advance.repeated, "have the time of another sample"),
-        ("backward stamp", advance.out_of_order, "have a time out of order"),
+        ("repeated stamp", advance.repeated, "under the time of another"),
+        ("backward stamp", advance.out_of_order, "under a time out of order"),
     ):
         _mark_stamps(report, kind, runs(mask), what)
         report.figure(kind.replace(" ", "_") + "_count", int(mask.sum()))
@@ -62,7 +62,7 @@ def audit_stamps(report: StreamReport, gap_factor: float, max_jitter: float) -> 
 
 
 def _mark_stamps(report: StreamReport, kind: str, found: Runs, what: str) -> None:
-    report.mark(kind, "warning", found, lambda i: f"{found.length[i]} samples {what}")
+    report.mark(kind, "warning", found, lambda i: f"{samples(found.length[i])} {what}")
 
 
 def _mark_gaps(report: StreamReport, found: Gaps, nominal: float) -> None:
@@ -72,7 +72,7 @@ def _mark_gaps(report: StreamReport, found: Gaps, nominal: float) -> None:
         Runs(found.before, found.after + 1),
         lambda i: (
             f"{found.length[i]:.6g} s without a sample, where {nominal:.6g} s is usual: about "
-            f"{found.lost[i]} samples lost"
+            f"{samples(found.lost[i])} lost"
         ),
         count=found.lost,
     )

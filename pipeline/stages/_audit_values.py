@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.numerics.sample_faults import clipped_runs, frozen_runs, spikes, usual_hold
 from pipeline.numerics.sampling import Intervals, Runs, runs
-from pipeline.stages._audit_rows import StreamReport
+from pipeline.stages._audit_rows import StreamReport, samples
 from pipeline.stages._audit_units import Comparison
 
 Float = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _mark_nan(report: StreamReport, found: Runs, channel: str | None) -> None:
         "NaN",
         "warning",
         found,
-        lambda i: f"{found.length[i]} samples without a finite value of {which}",
+        lambda i: f"{samples(found.length[i])} without a finite value of {which}",
         channel=channel,
     )
 
@@ -127,7 +127,10 @@ def _mark_frozen(
     minimum: int,
     comparison: Comparison | None,
 ) -> dict[str, Bool]:
-    """Frozen runs of all channels together, then of each alone where it is not clipped; as masks too."""
+    """Frozen runs of all channels together, then of each alone where it is not clipped; as masks too.
+
+    A single angle of a reference may well rest: the stand holds an axis, and an encoder has no noise.
+    """
     held, frozen = _mark_held_together(report, channels, finite, minimum, comparison)
     masks = {}
     for name, values in channels.items():
@@ -135,7 +138,7 @@ def _mark_frozen(
         found = _in_record(frozen_runs(values[index], minimum), index)
         known = held | explained[name]
         alone = [not known[a:b].all() for a, b in zip(found.start, found.stop, strict=True)]
-        found = _some(found, np.array(alone, dtype=np.bool_))
+        found = _some(found, np.array(alone, dtype=np.bool_) & (report.stream != "reference"))
         _mark_hold(report, "frozen", found, name)
         masks[name] = frozen | _mask(found, len(report.time))
     return masks
@@ -173,7 +176,7 @@ def _mark_hold(report: StreamReport, kind: str, found: Runs, channel: str | None
         kind,
         "info" if kind == "steady" else "warning",
         found,
-        lambda i: f"{which} for {found.length[i]} samples, bit for bit, {why}",
+        lambda i: f"{which} for {samples(found.length[i])}, bit for bit, {why}",
         channel=channel,
     )
 
@@ -204,7 +207,7 @@ def _mark_clipped(report: StreamReport, channel: str, index: Int, values: Float,
         "clipped",
         "warning",
         marked,
-        lambda i: f"{found.length[i]} samples at {at[i]:.6g}, where the record is cut off",
+        lambda i: f"{samples(found.length[i])} at {at[i]:.6g}, where the record is cut off",
         channel=channel,
         count=found.length,
     )

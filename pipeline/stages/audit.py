@@ -24,7 +24,7 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
-from pipeline.stages._audit_rows import StreamReport
+from pipeline.stages._audit_rows import StreamReport, samples
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_values
@@ -97,7 +97,7 @@ def _audit(table: pa.Table, stream: str, settings: Settings, comparison: Compari
     report.figure("sample_count", table.num_rows)
     if table.num_rows < settings.min_samples:
         severity: Severity = "error" if table.num_rows < 2 else "warning"
-        report.say("too few samples", severity, f"{table.num_rows} in the record")
+        report.say("too few samples", severity, f"{samples(table.num_rows)} in the record")
     if not table.num_rows:
         return report
     regular = audit_stamps(report, settings.gap_factor, settings.max_jitter)
