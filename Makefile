@@ -48,7 +48,7 @@ bench: $(VENV)/.ready-dev
 	@for benchmark in benchmarks/[a-z]*.py; do $(BIN)/python "$$benchmark" || exit 1; done
 
 nightly: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest -n auto -m "nightly or not nightly"
+	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -n auto -m "nightly or not nightly"
 
 sample-data: $(VENV)/.ready
 	$(GYROSTAND) simulate samples --out sample_data

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,6 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
+
+# The same examples each time, so that a change is judged and not its luck; `make nightly` draws new ones.
+settings.register_profile("judged", derandomize=True, deadline=None)
+settings.register_profile("nightly", max_examples=1000, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "judged"))
 
 PROJECT = Path(__file__).resolve().parents[1]
 Completed = subprocess.CompletedProcess[str]

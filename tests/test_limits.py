@@ -6,7 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -106,7 +106,6 @@ def test_bounds_that_make_no_sense_are_refused(bounds: dict[str, float]) -> None
 finite = st.floats(-1e6, 1e6)
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(value=finite, error=st.none() | st.floats(0, 1e6), low=finite, high=finite)
 def test_a_pass_stays_inside_with_two_standard_errors(
     value: float, error: float | None, low: float, high: float

@@ -27,6 +27,9 @@ Encoding = Literal["cdr", "ros1", "json", "protobuf"]
 
 _HEAD = 16
 
+_NEVER_TEXT = frozenset((".mcap", ".bag", ".db3"))
+"""Names that promise one of the other containers: a text of that name is no recording of that name."""
+
 
 def detect(path: str | os.PathLike[str]) -> Container:
     """Find the container that recognises a recording by its first bytes.
@@ -34,7 +37,8 @@ def detect(path: str | os.PathLike[str]) -> Container:
     Raises
     ------
     RecordingError
-        If there is no such file, it is empty or unreadable, or no container recognises it.
+        If there is no such file, it is empty or unreadable, or no container recognises it; or it is text
+        under the name of another container.
     """
     path = Path(path)
     try:
@@ -48,6 +52,9 @@ def detect(path: str | os.PathLike[str]) -> Container:
         container = next((c for c in CONTAINERS if c.recognises(path)), None)
     except OSError as error:
         raise _unreadable(path, error) from error
+    if container is text and path.suffix.lower() in _NEVER_TEXT:
+        remedy = "check how it was saved; the name of a text recording ends in .csv, .tsv or .txt"
+        raise _error(path, f"a binary recording, as {path.suffix} says", "text", remedy)
     if container is not None:
         return container
     if path.is_dir():

@@ -59,15 +59,16 @@ def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> Reco
     name : str
         What the plan says.
     known : iterable of str
-        What there is; the nearest is suggested.
+        What there is; the nearest is suggested, or where none is near, the first are listed.
     """
     names = list(known)
     nearest = get_close_matches(name, names, n=1)
     guess = f"did you mean {nearest[0]!r}? " if nearest else ""
     listed = ", ".join(repr(n) for n in names[:_LISTED]) + (", …" if len(names) > _LISTED else "")
+    choice = f"one of its {len(names)} {kind}s" + ("" if nearest else f": {listed}")
     return RecordingError(
         where,
-        expected=f"one of its {kind}s: {listed}" if names else f"a {kind}",
+        expected=choice if names else f"a {kind}",
         found=f"the {kind} {name!r} in the test plan" if names else f"no {kind} at all",
         remedy=f"{guess}see 'gyrostand inspect'",
         exit_code=ExitCode.USAGE if names else ExitCode.INPUT,

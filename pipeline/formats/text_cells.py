@@ -151,6 +151,13 @@ def _parse_by_line(
 ) -> tuple[dict[int, pa.ChunkedArray], tuple[Loss, ...]]:
     """Leave out the lines that are no rows, make null the cells that are no numbers, and say so."""
     rows, numbers, damaged, cut = _sort_lines(body, layout)
+    if not rows:
+        raise RecordingError(
+            where,
+            expected=f"rows of {len(layout.columns)} columns, as its first numbers suggest",
+            found="none",
+            remedy="if it is a recording, give delimiter, decimal or skip_lines in [text]",
+        )
     losses = []
     if damaged:
         detail = f"{len(damaged)} lines do not have {len(layout.columns)} columns: {_listed(damaged)}"

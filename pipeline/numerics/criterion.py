@@ -11,12 +11,6 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 
-def wrapped(difference: Vector) -> Vector:
-    """The difference of two angles, rad, without whole turns; small ones lose no digit."""
-    turned: Vector = difference - 2 * np.pi * np.round(difference / (2 * np.pi))
-    return turned
-
-
 def relative_rms_error(
     t: Vector, difference: Vector, reference: Vector, segment: NDArray[np.integer] | None = None
 ) -> float | None:

@@ -20,8 +20,10 @@ ends there; row 0 has none.
         theta' =  q sin γ + r cos γ
         gamma' =  p - tan θ (q cos γ - r sin γ)
 
-    with the rates at midstep from Simpson's rule, ``wm = (6 a/h - w0 - w1)/4``, exact for a cubic.
-    Singular at theta = ±90°.
+    with the rates at midstep from Simpson's rule, ``wm = (6 a/h - w0 - w1)/4``, exact for a cubic. Within a
+    step the sines and cosines are unknowns too, ``(sin x)' = x' cos x``, ``(cos x)' = -x' sin x``, and at its
+    end those of the angles again: of fourth order as well, and no stage waits for a sine. Singular at
+    theta = ±90°.
 
 Arrays are ``(n, 3)`` and ``(n, 4)``; those returned lie in memory one component after the other, and such
 arrays are taken without a copy.
@@ -62,7 +64,7 @@ def integrate_quaternion(rates: Float, increments: Float, steps: Float, initial:
     Returns
     -------
     ndarray, shape (n, 4)
-        Quaternions from body to reference axes, unit to 1e-13.
+        Quaternions from body to reference axes, unit to 1e-12.
     """
     quaternion = np.empty((4, len(steps)))
     start = np.asarray(initial, dtype=np.float64)

@@ -100,7 +100,7 @@ def euler_krylov_from_quaternion(quaternion: ArrayLike) -> Float:
 
 
 def wrapped(angle: ArrayLike) -> Float:
-    """The angle plus whole turns, in [-pi, pi] [rad]."""
+    """The angle plus whole turns, in [-pi, pi] [rad]; one within half a turn loses no digit."""
     value = np.asarray(angle, dtype=np.float64)
     return np.asarray(value - 2 * np.pi * np.round(value / (2 * np.pi)), dtype=np.float64)
 

@@ -111,8 +111,8 @@ def audit_units(
         report.say(
             "implausible unit",
             "warning",
-            f"{fast} of {samples(len(size))} above {max_plausible_rate:g} rad/s, median {np.median(size):.4g} "
-            "rad/s: degrees where radians are stated?",
+            f"{fast} of {samples(len(size))} above {max_plausible_rate:g} rad/s, median "
+            f"{np.median(size):.4g} rad/s: degrees where radians are stated?",
             count=fast,
         )
 

@@ -167,7 +167,7 @@ def _search(records: Pair, settings: Settings, findings: list[dict[str, Any]]) -
         raise _refusal(
             "one clock offset",
             f"several that fit as well within max_offset = {settings.max_offset:g} s: the motion repeats "
-            f"itself after {_nearest(near, best):.6g} s",
+            f"itself after about {_nearest(near, best):.3g} s",
             "state max_offset below half of that in [align], if the clocks are known so well",
         )
     others = _nearest(wide, best)
@@ -175,8 +175,8 @@ def _search(records: Pair, settings: Settings, findings: list[dict[str, Any]]) -
         findings.append(
             finding(
                 "align", records.stream, "ambiguous clock offset", "warning",
-                f"the motion repeats itself after {others:.6g} s: an offset different by so much fits as "
-                f"well, and max_offset = {settings.max_offset:g} s decided",
+                f"the motion repeats itself after about {others:.3g} s: an offset different by so much fits "
+                f"as well, and max_offset = {settings.max_offset:g} s decided",
             )
         )  # fmt: skip
     return best

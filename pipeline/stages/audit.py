@@ -93,6 +93,15 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
 
 
 def _audit(table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None) -> StreamReport:
+    """Everything about one stream."""
+    report = _marked(table, stream, settings, comparison)
+    for severity in ("error", "warning"):
+        found = sum(row["severity"] == severity for row in report.findings)
+        report.figure(f"{severity}_count", found)
+    return report
+
+
+def _marked(table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None) -> StreamReport:
     report = StreamReport(stream, table.column("time").to_numpy(), settings.max_rows)
     report.figure("sample_count", table.num_rows)
     if table.num_rows < settings.min_samples:

@@ -133,7 +133,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     angles = []
     for segment in segments:
         anchor = _anchor(segment, reference, settings)
-        findings += _about_start(segment, anchor, settings)
+        findings += _about_start(segment, anchor, settings, referred=reference is not None)
         solve = _by_quaternion if settings.method == "quaternion" else _by_angles
         angles.append(solve(segment, anchor, settings))
         findings += _about_singularity(segment, angles[-1])
@@ -238,8 +238,10 @@ def _attitude_at_start(segment: _Segment, anchor: _Anchor) -> Float:
     return quaternion_multiply(anchor.quaternion, quaternion_conjugate(relative))
 
 
-def _about_start(segment: _Segment, anchor: _Anchor, settings: Settings) -> list[dict[str, Any]]:
-    """What must be said of the segment's initial attitude."""
+def _about_start(
+    segment: _Segment, anchor: _Anchor, settings: Settings, *, referred: bool
+) -> list[dict[str, Any]]:
+    """What must be said of the segment's initial attitude; ``referred``: whether there is a reference."""
     start = int(segment.time[0])
     if anchor.from_reference:
         if anchor.time == start:
@@ -249,7 +251,9 @@ def _about_start(segment: _Segment, anchor: _Anchor, settings: Settings) -> list
     else:
         if settings.initial == "angles" and segment.number == 0:
             return []
-        kind, severity = "relative attitude", _WARNING
+        # Without any reference a record in one piece is only told from where its angles count.
+        alone = not referred and segment.number == 0
+        kind, severity = "relative attitude", _INFO if alone else _WARNING
         why = "" if settings.initial == "angles" else "no reference to begin with; "
         detail = f"segment {segment.number}: {why}its attitude is relative to initial_angles at its own start"
     return [finding("integrate", "rates", kind, severity, detail, start=start, end=anchor.time)]

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pipeline.errors import ExitCode
-from pipeline.numerics.criterion import relative_rms_error, wrapped
+from pipeline.numerics.criterion import relative_rms_error
 from pipeline.numerics.local_polynomial import LocalPolynomial
+from pipeline.numerics.rotation import wrapped
 from pipeline.numerics.time_grid import advancing
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import StageError, Stand, Tables, finding, metric, rows
+from pipeline.stages.base import Severity, StageError, Stand, Tables, finding, metric, rows
 
 CONSUMES = ("attitude",)
 MAY_CONSUME = ("attitude_corrected", "reference", "trend")
@@ -106,8 +107,7 @@ def _common_time(tables: Tables, channels: tuple[str, ...], findings: list[Row])
     index = np.flatnonzero(finite)
     kept = advancing(time[index]).kept
     for kind, at in (("NaN", time[~finite]), ("time not advancing", time[index[~kept]])):
-        if at.size:
-            findings.append(_left_out(kind, at, time.size))
+        findings += _left_out(kind, "warning", at, time.size)
     index = index[kept]
     segments = attitude["segment"].to_numpy()
     after = np.searchsorted(grid, time[index], side="left")
@@ -122,15 +122,22 @@ def _common_time(tables: Tables, channels: tuple[str, ...], findings: list[Row])
             remedy="check the [time] of both streams in the test plan, and their clocks",
             exit_code=ExitCode.INPUT,
         )
+    outside = time[index[~inside]]
+    # A reference that runs longer than the gyro is common; one that is mostly unscored makes good figures cheap.
+    findings += _left_out(
+        "outside the attitude", "warning" if outside.size > index.size / 2 else "info", outside, time.size
+    )
     index = index[inside]
     return _Common(time[index], segments[before[inside]], index)
 
 
-def _left_out(kind: str, at: Time, of: int) -> Row:
-    """The finding on reference samples that do not count."""
+def _left_out(kind: str, severity: Severity, at: Time, of: int) -> list[Row]:
+    """The finding on reference samples that do not count, if there are any."""
+    if not at.size:
+        return []
     detail = f"{at.size} of {of} samples of the reference left out of the score: {kind}"
     start, end = int(at.min()), int(at.max())
-    return finding("score", "reference", kind, "warning", detail, start=start, end=end, count=at.size)
+    return [finding("score", "reference", kind, severity, detail, start=start, end=end, count=at.size)]
 
 
 def _span(time: Time) -> str:

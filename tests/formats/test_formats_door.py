@@ -39,6 +39,15 @@ def test_unknown_content_names_the_formats(tmp_path) -> None:
     assert "7fELF" in message
 
 
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.DB3"])
+def test_text_under_the_name_of_another_format(tmp_path, name) -> None:
+    path = tmp_path / name
+    path.write_text("t,p\n0.0,1.5\n0.1,2.5\n")
+    assert "a binary recording" in _refused(path)
+    path.rename(tmp_path / "run.log")
+    assert formats.inspect(tmp_path / "run.log").topics[0].count == 2
+
+
 def test_folder_that_is_no_bag(tmp_path, series) -> None:
     assert "metadata.yaml" in _refused(tmp_path)
     formats.write(tmp_path / "a.mcap", series)

@@ -18,6 +18,7 @@ DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 FOLDERS = ("mcap", "bags", "malformed", "rosbag2_resources")
 REFUSED = {
     "rosbagjs_empty-file.bag": "empty file",
+    "rosbagjs_asci-file.bag": "binary recording, as .bag says, found text",
     "empty_dir": "metadata.yaml",
     "multiple_files": "metadata.yaml",
 }

@@ -273,6 +273,12 @@ class TestLayout:
         assert error.value.exit_code == ExitCode.INPUT
         assert "\n" not in str(error.value)
 
+    def test_lines_of_which_none_is_a_row_are_unreadable_input(self, tmp_path: Path) -> None:
+        """A quote within a cell leaves open where the cell ends, here in every line."""
+        path = recording(tmp_path, 'f("t",p)\n1,2"x,3\n4,5"y,6\n')
+        with pytest.raises(RecordingError, match="rows of 3 columns, as its first numbers suggest, found none"):
+            text.inspect(path, FOUND_OUT)
+
 
 class TestEncoding:
     CONTENT = "t (s),ω (°/s)\n0.1,1.5\n0.2,2.5\n"

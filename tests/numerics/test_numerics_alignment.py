@@ -82,7 +82,7 @@ def test_increments_give_the_same_cumulative_angle_as_rates() -> None:
     assert np.allclose(rates.rate_change(a, b), other.rate_change(a, b), rtol=0, atol=1e-5)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.tuples(*[st.floats(-3, 3)] * 3), st.integers(0, 2**32 - 1))
 def test_wahba_finds_the_rotation(vector: tuple[float, float, float], seed: int) -> None:
     rotation = wandering.matrix(vector)

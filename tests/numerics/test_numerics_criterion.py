@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from pipeline.numerics.criterion import relative_rms_error, wrapped
+from pipeline.numerics.criterion import relative_rms_error
 
 
 def test_criterion_of_a_known_error():
@@ -33,9 +31,3 @@ def test_undefined_without_a_reference_to_relate_to():
     assert relative_rms_error(t, np.ones(2), np.zeros(2)) is None
     assert relative_rms_error(t[:1], np.ones(1), np.ones(1)) is None
     assert relative_rms_error(t, np.ones(2), np.ones(2), np.array([0, 1])) is None
-
-
-@given(st.floats(-3.1, 3.1), st.integers(-50, 50))
-def test_whole_turns_do_not_count(angle, turns):
-    # 50 turns cost 50 · 2π of rounding
-    assert wrapped(np.array([angle + 2 * np.pi * turns]))[0] == pytest.approx(angle, abs=1e-12)

@@ -208,7 +208,8 @@ class TestValues:
         time, rates = noisy()
         rates[:, 1] = 0.0
         rates[:, 2] = np.nan
-        findings, _ = audited(gyro(time, rates))
+        findings, figures = audited(gyro(time, rates))
+        assert (figures["gyro", "error_count"], figures["gyro", "warning_count"]) == (1, 1)
         assert {(f["kind"], f["channel"], f["severity"]) for f in findings} == {
             ("missing channel", "q", "warning"),
             ("missing channel", "r", "error"),

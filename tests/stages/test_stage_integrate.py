@@ -144,6 +144,13 @@ class TestStart:
         close(angles[0], np.array([0.1, 0.2, 0.3]), 1e-15)
         assert [(f["kind"], f["severity"]) for f in findings] == [("relative attitude", "warning")]
 
+    def test_without_any_reference_only_what_is_in_pieces_is_a_warning(self) -> None:
+        _, _, findings = run({"rates": rates(clock(500), clock(1500)[700:])})
+        assert [(f["kind"], f["severity"]) for f in findings] == [
+            ("relative attitude", "info"),
+            ("relative attitude", "warning"),
+        ]
+
     def test_later_segments_by_angles_are_relative_and_said_so(self) -> None:
         _, angles, findings = run({"rates": rates(clock(500), clock(1500)[700:])}, initial="angles")
         close(angles[[0, 500]], np.zeros((2, 3)), 0.0)

@@ -96,7 +96,16 @@ def test_only_the_common_time_counts():
     assert value(figures, "peak_error") == pytest.approx(0.6, rel=1e-12)  # rounding
     assert value(figures, "final_error") == pytest.approx(0.0, abs=1e-12)
     assert value(figures, "relative_rms_error") == pytest.approx(np.sqrt(0.36 / 3), rel=1e-5)  # trapezoid
-    assert findings == []
+    assert [(f["kind"], f["count"], f["severity"]) for f in findings] == [("outside the attitude", 400, "info")]
+
+
+def test_a_reference_that_is_hardly_scored_is_a_warning():
+    """A record cut to pieces begins each at the reference: its figures are good, and say nothing."""
+    pieces = attitude(T[:200], time=GRID[:200], segment=np.arange(200) // 2)
+    _, findings = scored({"attitude": pieces, "reference": reference(T)})
+    assert [(f["kind"], f["count"], f["severity"]) for f in findings] == [
+        ("outside the attitude", N - 200, "warning")
+    ]
 
 
 def test_no_common_time_is_refused_with_both_spans():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline import formats
@@ -167,7 +167,6 @@ HOSTILE = st.text(min_size=1, max_size=8) | st.text(
 )
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(prefix=HOSTILE, topic=HOSTILE, unit=HOSTILE)
 def test_hostile_names_are_strings_and_comments_and_nothing_else(prefix: str, topic: str, unit: str) -> None:
     fields = tuple(Field(f"{prefix}.gyro.{axis}", unit, unit) for axis in "xyz")
@@ -184,7 +183,6 @@ def test_hostile_names_are_strings_and_comments_and_nothing_else(prefix: str, to
         assert plan["streams"]["gyro"]["topic"] == topic
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(st.text(st.characters(exclude_categories=["Cs"])))
 def test_a_quoted_name_is_read_back_the_same(name: str) -> None:
     assert tomllib.loads(f"a = {quoted(name)}")["a"] == name

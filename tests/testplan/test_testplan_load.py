@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline import contracts
@@ -238,7 +238,6 @@ def refusal(path: Path) -> str | None:
     return None
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(st.data())
 def test_any_value_anywhere_is_accepted_or_refused_as_a_plan(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

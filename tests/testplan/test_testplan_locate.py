@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.testplan.locate import Key, key_lines, line_of
@@ -193,7 +193,6 @@ def plans(draw: st.DrawFn) -> tuple[str, dict[str, Any], dict[Key, int]]:
     return writer.text, table, writer.lines
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(plans())
 def test_lines_of_random_plans(plan: tuple[str, dict[str, Any], dict[Key, int]]) -> None:
     text, table, lines = plan
@@ -204,7 +203,6 @@ def test_lines_of_random_plans(plan: tuple[str, dict[str, Any], dict[Key, int]])
 TOML_LIKE = st.text("[]{}=.,\"'#\\ \n\tab1", max_size=80)
 
 
-@settings(deadline=None)  # the machine's load is not under test
 @given(st.text() | TOML_LIKE)
 def test_any_text_ends(text: str) -> None:
     lines = key_lines(text)

@@ -1,0 +1,58 @@
+"""The documentation against the code: links, settings, figures, and examples that must be valid."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from pipeline.procedures import PROCEDURES
+from pipeline.testplan import load_plan
+
+PROJECT = Path(__file__).resolve().parents[1]
+PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted((PROJECT / "docs").glob("*.md"))]
+
+
+def examples() -> Iterator[str]:
+    """The whole test plans of the page on test plans."""
+    page = (PROJECT / "docs" / "test-plan.md").read_text(encoding="utf-8")
+    return (match.group(1) for match in re.finditer(r"```toml\n(.*?)```", page, flags=re.DOTALL))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_are_there(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("example", list(examples()))
+def test_examples_of_test_plans_are_right(example: str, tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(example, encoding="utf-8")
+    assert load_plan(path).procedure == "coning"
+
+
+@pytest.mark.parametrize("procedure", PROCEDURES)
+def test_every_setting_is_on_its_procedure_s_page(procedure: str) -> None:
+    page = (PROJECT / "docs" / f"{procedure}.md").read_text(encoding="utf-8")
+    for stage in PROCEDURES[procedure]:
+        if stage == "ingest":
+            continue  # its settings are on the page on test plans
+        section = page.split(f"### {stage}\n")[1].split("\n#")[0]
+        stated = set(re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE))
+        assert stated == set(import_module(f"pipeline.stages.{stage}").Settings.model_fields)
+
+
+def test_every_dependency_has_its_reason() -> None:
+    page = (PROJECT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    project = (PROJECT / "pyproject.toml").read_text(encoding="utf-8")
+    named = set(re.findall(r"\"([A-Za-z0-9._-]+)>=", project))
+    listed = {
+        name
+        for row in re.findall(r"^\| ([\w., -]+?) \|", page, flags=re.MULTILINE)
+        for name in row.split(", ")
+    }
+    assert named - listed == set()
