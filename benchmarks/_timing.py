@@ -43,12 +43,15 @@ class Timings:
 
 
 def by_turns(candidates: Mapping[str, Candidate], rounds: int) -> Timings:
-    """Time the candidates one after the other, ``rounds`` times, after one call each to warm up."""
-    for candidate in candidates.values():
-        candidate.call()
+    """Time the candidates one after the other, ``rounds`` times.
+
+    Each is called once more just before it is timed: else the first pages of its arrays would be counted or
+    not, by what the candidate before it has left to the allocator.
+    """
     per_item: dict[str, list[float]] = {name: [] for name in candidates}
     for _ in range(rounds):
         for name, candidate in candidates.items():
+            candidate.call()
             start = time.process_time()
             candidate.call()
             per_item[name].append((time.process_time() - start) / candidate.items)

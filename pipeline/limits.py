@@ -4,21 +4,23 @@ A figure outside its limits fails. Inside them it is marginal where it lies beyo
 limits, or so near a limit that two of its standard errors reach it; else it passes. A figure without limits,
 or without a value, is not evaluated. A limit that finds no figure is not met: it stands in the metrics as a
 row without a value.
+
+One limit holds without being written: what the audit calls an error in a stream (a dead channel, a wrong
+unit) fails the recording, unless the plan allows a number of them by a limit of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import pyarrow as pa
 from pydantic import Field, model_validator
 
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages.base import Settings, metric, rows
-
-Verdict = Literal["pass", "marginal", "fail", "not evaluated"]
+from pipeline.verdicts import Verdict
 
 COVERAGE = 2.0
 """Standard errors by which a figure may be off: about 95 % of a normal distribution."""
@@ -70,6 +72,10 @@ class Limit(Settings):
         return "pass" if sure and _within(value, self.marginal_lower, self.marginal_upper) else "marginal"
 
 
+AUDIT_ERRORS = "error_count"
+"""The audit's figure that has a limit in every plan."""
+
+
 def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complete: bool = True) -> pa.Table:
     """Give every figure its limits and its verdict.
 
@@ -90,8 +96,13 @@ def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complet
     pyarrow.Table
         ``metrics``.
     """
-    by_figure = {(limit.metric, limit.channel): limit for limit in limits}
     figures = metrics.to_pylist()
+    unwritten = [
+        NO_AUDIT_ERROR.model_copy(update={"channel": f["channel"]})
+        for f in figures
+        if f["name"] == AUDIT_ERRORS
+    ]
+    by_figure = {(limit.metric, limit.channel): limit for limit in (*unwritten, *limits)}
     judged = [_judged(figure, by_figure.get((figure["name"], figure["channel"]))) for figure in figures]
     if complete:
         there = {(figure["name"], figure["channel"]) for figure in figures}
@@ -101,14 +112,6 @@ def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complet
             if (name, channel) not in there
         ]
     return rows("metrics", [{**figure, "procedure": procedure} for figure in judged])
-
-
-def met(metrics: pa.Table) -> bool:
-    """Whether no figure fails its limits, and every limit could be evaluated."""
-    return not any(
-        figure["verdict"] == "fail" or (figure["verdict"] == "not evaluated" and _is_limited(figure))
-        for figure in metrics.to_pylist()
-    )
 
 
 def _judged(figure: Mapping[str, Any], limit: Limit | None) -> dict[str, Any]:
@@ -124,7 +127,3 @@ def _judged(figure: Mapping[str, Any], limit: Limit | None) -> dict[str, Any]:
 
 def _within(value: float, lower: float | None, upper: float | None) -> bool:
     return (lower is None or value >= lower) and (upper is None or value <= upper)
-
-
-def _is_limited(figure: Mapping[str, Any]) -> bool:
-    return figure["lower_limit"] is not None or figure["upper_limit"] is not None

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pipeline.limits import Limit, judge, met
+from pipeline.limits import Limit, judge
 from pipeline.stages.base import metric, rows
 from pipeline.storage.contract_check import violations
+from pipeline.verdicts import overall
 
 
 def limit(**bounds: float) -> Limit:
@@ -55,13 +56,13 @@ def test_verdict(
     assert judged[0]["procedure"] == "coning"
     assert judged[0]["upper_limit"] == bounds.get("upper")
     assert judged[0]["lower_limit"] == bounds.get("lower")
-    assert met(rows("metrics", judged)) is (verdict in ("pass", "marginal"))
+    assert (overall(judged) == "fail") is (verdict in ("fail", "not evaluated"))
 
 
 def test_a_figure_without_limits_is_not_evaluated_and_hinders_nothing() -> None:
     judged = judge(metrics(figure(1e9), figure(None, name="trend_a")), [], "coning")
     assert judged.column("verdict").to_pylist() == ["not evaluated"] * 2
-    assert met(judged)
+    assert overall(judged.to_pylist()) == "not evaluated"
 
 
 def test_a_limit_without_a_figure_is_not_met() -> None:
@@ -69,14 +70,26 @@ def test_a_limit_without_a_figure_is_not_met() -> None:
     missing = judged.to_pylist()[1]
     assert (missing["name"], missing["channel"], missing["value"]) == ("peak_error", "gamma", None)
     assert (missing["upper_limit"], missing["verdict"]) == (0.2, "not evaluated")
-    assert not met(judged)
+    assert overall(judged.to_pylist()) == "fail"
     assert violations("metrics", judged) == []
 
 
 def test_a_limit_of_a_stage_that_has_not_run_is_passed_over() -> None:
     judged = judge(metrics(figure(0.1, name="trend_a")), [limit(upper=0.2)], "coning", complete=False)
     assert judged.num_rows == 1
-    assert met(judged)
+    assert overall(judged.to_pylist()) == "not evaluated"
+
+
+@pytest.mark.parametrize(
+    ("errors", "allowed", "verdict"),
+    [(0, None, "pass"), (1, None, "fail"), (1, 2.0, "pass"), (3, 2.0, "fail")],
+)
+def test_an_error_of_the_audit_fails_unless_the_plan_allows_it(
+    errors: int, allowed: float | None, verdict: str
+) -> None:
+    found = metrics(metric("audit", "gyro", "error_count", errors, "1"))
+    limits = [] if allowed is None else [Limit(metric="error_count", channel="gyro", upper=allowed)]
+    assert overall(judge(found, limits, "coning").to_pylist()) == verdict
 
 
 def test_only_the_channel_that_is_named_is_limited() -> None:

@@ -25,7 +25,9 @@ def metrics(rows: Sequence[Row]) -> str:
     computed = [row for row in rows if row["stage"]]  # not those that only a limit asks for
     stages = list(dict.fromkeys(row["stage"] for row in reversed(computed)))  # the procedure's end first
     tables = [_by_channel(stage, [row for row in computed if row["stage"] == stage]) for stage in stages]
-    folded = [_fold(f"Metrics of {stage}", table) for stage, table in zip(stages[1:], tables[1:], strict=True)]
+    folded = [
+        _fold(f"Metrics of {stage}", table) for stage, table in zip(stages[1:], tables[1:], strict=True)
+    ]
     return (_judged(judged) if judged else "") + "".join(tables[:1] + folded)
 
 

@@ -276,7 +276,9 @@ class TestLayout:
     def test_lines_of_which_none_is_a_row_are_unreadable_input(self, tmp_path: Path) -> None:
         """A quote within a cell leaves open where the cell ends, here in every line."""
         path = recording(tmp_path, 'f("t",p)\n1,2"x,3\n4,5"y,6\n')
-        with pytest.raises(RecordingError, match="rows of 3 columns, as its first numbers suggest, found none"):
+        with pytest.raises(
+            RecordingError, match="rows of 3 columns, as its first numbers suggest, found none"
+        ):
             text.inspect(path, FOUND_OUT)
 
 

@@ -96,7 +96,9 @@ def test_only_the_common_time_counts():
     assert value(figures, "peak_error") == pytest.approx(0.6, rel=1e-12)  # rounding
     assert value(figures, "final_error") == pytest.approx(0.0, abs=1e-12)
     assert value(figures, "relative_rms_error") == pytest.approx(np.sqrt(0.36 / 3), rel=1e-5)  # trapezoid
-    assert [(f["kind"], f["count"], f["severity"]) for f in findings] == [("outside the attitude", 400, "info")]
+    assert [(f["kind"], f["count"], f["severity"]) for f in findings] == [
+        ("outside the attitude", 400, "info")
+    ]
 
 
 def test_a_reference_that_is_hardly_scored_is_a_warning():
