@@ -97,11 +97,8 @@ def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complet
         ``metrics``.
     """
     figures = metrics.to_pylist()
-    unwritten = [
-        NO_AUDIT_ERROR.model_copy(update={"channel": f["channel"]})
-        for f in figures
-        if f["name"] == AUDIT_ERRORS
-    ]
+    audited = [figure["channel"] for figure in figures if figure["name"] == AUDIT_ERRORS]
+    unwritten = [Limit(metric=AUDIT_ERRORS, channel=stream, upper=0.0) for stream in audited]
     by_figure = {(limit.metric, limit.channel): limit for limit in (*unwritten, *limits)}
     judged = [_judged(figure, by_figure.get((figure["name"], figure["channel"]))) for figure in figures]
     if complete:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline import contracts
 from pipeline.numerics.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
-from pipeline.stages.streams import CHANNELS
+from pipeline.stages._streams import CHANNELS
 
 Float = NDArray[np.float64]
 _WAVES = np.random.default_rng(5)

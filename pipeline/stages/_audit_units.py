@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pipeline.numerics.alignment import covered, gain
 from pipeline.numerics.sampling import Intervals
 from pipeline.stages._audit_rows import StreamReport, samples
+from pipeline.stages._streams import Pair, pair
 from pipeline.stages.base import Tables
-from pipeline.stages.streams import Pair, pair
 
 Float = NDArray[np.float64]
 

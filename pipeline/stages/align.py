@@ -25,9 +25,9 @@ from pydantic import Field
 from pipeline.errors import ExitCode
 from pipeline.numerics.alignment import Correlation, Increments, correlation, covered, wahba
 from pipeline.numerics.alignment_fit import Fit, fit
+from pipeline.stages._streams import CHANNELS, Pair, channels, pair
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import StageError, Stand, Tables, finding, metric, rows
-from pipeline.stages.streams import CHANNELS, Pair, channels, pair
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")

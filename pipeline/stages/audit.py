@@ -28,9 +28,9 @@ from pipeline.stages._audit_rows import StreamReport, samples
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_values
+from pipeline.stages._streams import CHANNELS, channels
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Severity, Stand, Tables, rows
-from pipeline.stages.streams import CHANNELS, channels
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")

@@ -31,6 +31,7 @@ from pipeline.numerics.rotation import (
     quaternion_multiply,
 )
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._sample_time import numbers, refuse_idle_stamps, sample_times, valid
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Severity, StageError, Stand, finding, rows
 from pipeline.stages.channel_map import (
@@ -43,7 +44,6 @@ from pipeline.stages.channel_map import (
     Text,
     channel_faults,
 )
-from pipeline.stages.sample_time import numbers, refuse_idle_stamps, sample_times, valid
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ()

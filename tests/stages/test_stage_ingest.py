@@ -21,10 +21,10 @@ from pipeline.numerics.rotation import (
     quaternion_from_euler_krylov,
     quaternion_from_matrix,
 )
+from pipeline.stages._sample_time import sample_times
 from pipeline.stages.base import StageError, Stand
 from pipeline.stages.channel_map import Clock
 from pipeline.stages.ingest import Settings, run
-from pipeline.stages.sample_time import sample_times
 from pipeline.storage.contract_check import violations
 
 Float = NDArray[np.float64]
