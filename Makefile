@@ -42,6 +42,7 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy --strict benchmarks
 	$(BIN)/lint-imports
 
 bench: $(VENV)/.ready-dev

@@ -1,20 +1,23 @@
 """What the benchmarks share: candidates and peers by turns in one run, CPU time, medians of ratios.
 
-The ratio of two candidates is taken within each round, where both met the same machine, and the median of
-the rounds is printed; CPU time of the process, so that a busy machine disturbs little.
+A candidate is a call or a process. The ratio of two is taken within each round, where both met the same
+machine, and the median of the rounds is printed; CPU time, so that a busy machine disturbs little.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import statistics
+import subprocess
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 
@@ -56,6 +59,40 @@ def by_turns(candidates: Mapping[str, Candidate], rounds: int) -> Timings:
             candidate.call()
             per_item[name].append((time.process_time() - start) / candidate.items)
     return Timings(per_item)
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Processes that were run by turns: their CPU seconds, largest memory, and what each printed."""
+
+    timings: Timings
+    peak_mib: Mapping[str, float]
+    printed: Mapping[str, str]
+
+
+def processes_by_turns(commands: Mapping[str, Sequence[str]], rounds: int) -> Runs:
+    """Run the commands one after the other, ``rounds`` times, after once each to fill the caches.
+
+    CPU time is that of user and system, all threads, from the start of the process; memory is the largest
+    resident set. A command that fails ends the benchmark.
+    """
+    per_item: dict[str, list[float]] = {name: [] for name in commands}
+    peak = dict.fromkeys(commands, 0.0)
+    printed = dict.fromkeys(commands, "")
+    for measured in [False] + [True] * rounds:
+        for name, command in commands.items():
+            with TemporaryFile("w+") as output:
+                process = subprocess.Popen(command, stdout=output)
+                _, status, used = os.wait4(process.pid, 0)
+                process.returncode = os.waitstatus_to_exitcode(status)
+                output.seek(0)
+                printed[name] = output.read().strip()
+            if process.returncode:
+                raise SystemExit(f"{name}: exit status {process.returncode}")
+            if measured:
+                per_item[name].append(used.ru_utime + used.ru_stime)
+            peak[name] = max(peak[name], used.ru_maxrss / 1024)
+    return Runs(Timings(per_item), peak, printed)
 
 
 def machine(*packages: str) -> dict[str, str]:

@@ -123,10 +123,9 @@ def _common_time(tables: Tables, channels: tuple[str, ...], findings: list[Row])
             exit_code=ExitCode.INPUT,
         )
     outside = time[index[~inside]]
-    # A reference that runs longer than the gyro is common; one that is mostly unscored makes good figures cheap.
-    findings += _left_out(
-        "outside the attitude", "warning" if outside.size > index.size / 2 else "info", outside, time.size
-    )
+    # That a reference runs on is common; where most of it is not scored, good figures mean little.
+    severity: Severity = "warning" if outside.size > index.size / 2 else "info"
+    findings += _left_out("outside the attitude", severity, outside, time.size)
     index = index[inside]
     return _Common(time[index], segments[before[inside]], index)
 
