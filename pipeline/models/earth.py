@@ -1,7 +1,8 @@
-"""The Earth under a gyro stand: its rate, the local frame, and the four mounting schemes of a two-axis gimbal.
+"""The Earth under a gyro stand: its rate, the local frame, the mounting schemes of a two-axis gimbal.
 
-Frames: ``eta`` is (East, North, Up); ``zeta`` the base of the stand, ``v_zeta = R1(chi1) R2(chi2) R3(chi3) v_eta``
-with passive rotations (Gubarenko & Kuzmenko, Mechanics of Solids, 1995, section 2).
+Frames: ``eta`` is (East, North, Up); ``zeta`` the base of the stand,
+``v_zeta = R1(chi1) R2(chi2) R3(chi3) v_eta`` with passive rotations
+(Gubarenko & Kuzmenko, Mechanics of Solids, 1995, section 2).
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Base:
 
 
 def mounting_angles(scheme: Scheme, latitude: float) -> tuple[float, float, float]:
-    """Angles chi1, chi2, chi3 [rad] of a mounting scheme: I polar, II equatorial, III horizontal, IV vertical."""
+    """Angles chi1, chi2, chi3 [rad] of schemes I polar, II equatorial, III horizontal, IV vertical."""
     quarter = np.pi / 2
     angles: dict[Scheme, tuple[float, float, float]] = {
         "polar": (0.0, latitude - quarter, -quarter),
@@ -83,8 +84,8 @@ def rotation_vector_from_increments(
 ) -> Float:
     """Rotation vector Delta chi [rad] of small increments of the angles chi, of first order.
 
-    ``Delta chi = (d1 - d3 sin chi2, d2, d3 cos chi2)`` for ``chi1 = 0``, as in all four schemes; degenerate in
-    the horizontal one.
+    ``Delta chi = (d1 - d3 sin chi2, d2, d3 cos chi2)`` for ``chi1 = 0``, as in all four schemes;
+    degenerate in the horizontal one.
     """
     d1, d2, d3 = increments
     return np.array([d1 - d3 * np.sin(chi[1]), d2, d3 * np.cos(chi[1])])

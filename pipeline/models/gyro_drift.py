@@ -3,13 +3,15 @@
 Gubarenko & Kuzmenko, Mechanics of Solids (1995), corrected. A servo keeps the rotor fixed in its case by the
 gimbal angles alpha1 (outer) and alpha2 (inner), whose rate, in units of the Earth's, tells the drift.
 
-Frames: ``zeta`` the base, ``x`` the platform that carries the gyro. For v = u (Earth's rotation) or g (gravity),
-with ``w = -v2 sin alpha1 + v3 cos alpha1`` (components in zeta on the right)::
+Frames: ``zeta`` the base, ``x`` the platform that carries the gyro. For v = u (Earth's rotation) or
+g (gravity), with ``w = -v2 sin alpha1 + v3 cos alpha1`` (components in zeta on the right)::
 
-    v1x = v1 cos alpha2 - w sin alpha2,  v2x = v2 cos alpha1 + v3 sin alpha1,  v3x = v1 sin alpha2 + w cos alpha2
+    v1x = v1 cos alpha2 - w sin alpha2
+    v2x = v2 cos alpha1 + v3 sin alpha1
+    v3x = v1 sin alpha2 + w cos alpha2
 
-Parameters: drift ``m11, m12, m21, m22, mc1, mc2`` (dimensionless: in units of the Earth rate), tilt of the rotor
-``theta1, theta2`` [rad], misalignment of the base ``epsilon = u x Delta chi`` [rad]. A prime is d/dtau.
+Parameters: drift ``m11, m12, m21, m22, mc1, mc2`` (dimensionless: in units of the Earth rate), tilt of the
+rotor ``theta1, theta2`` [rad], misalignment of the base ``epsilon = u x Delta chi`` [rad]. A prime is d/dtau.
 """
 
 from __future__ import annotations
@@ -66,7 +68,9 @@ def in_platform(v: Float, alpha: Float) -> Float:
 
 
 def exact_rates(alpha: Float, gyro: Gyro, base: Base) -> Float:
-    """alpha' by the exact model (MATH 2.2)::
+    """Rates of the gimbal angles by the exact model.
+
+    ::
 
         a = e3 x g,  b = e3 x a,  cos gamma = -e3.g
         M = (m11 - 2 m12 cos gamma) a + (m21 - 2 m22 cos gamma) b + (mc1, mc2, 0),  M <- M - (M.e3) e3
@@ -102,7 +106,7 @@ def exact_rates(alpha: Float, gyro: Gyro, base: Base) -> Float:
 
 
 def linear_model(alpha: Float, base: Base) -> tuple[Float, Float]:
-    """The linear model ``alpha' = c + F p`` along a trajectory: (6.1), (6.7), (6.10), corrected (MATH 2.3).
+    """The linear model ``alpha' = c + F p`` along a trajectory: (6.1), (6.7), (6.10), corrected.
 
     Parameters
     ----------
@@ -115,8 +119,8 @@ def linear_model(alpha: Float, base: Base) -> tuple[Float, Float]:
     -------
     c : ndarray, shape (n, 2)
     F : ndarray, shape (n, 2, 11)
-        Columns in the order of `PARAMETERS`. Of epsilon only two degrees of freedom are real: ``u.epsilon = 0``
-        is to be imposed, see `misalignment_basis`.
+        Columns in the order of `PARAMETERS`. Of epsilon only two degrees of freedom are real:
+        ``u.epsilon = 0`` is to be imposed, see `misalignment_basis`.
     """
     u1, u2, u3 = in_platform(base.u, alpha).T
     g1, g2, g3 = in_platform(base.g, alpha).T

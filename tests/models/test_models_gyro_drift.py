@@ -59,9 +59,7 @@ def test_axes_of_the_schemes(scheme: Scheme, u: tuple[float, ...], g: tuple[floa
         ("vertical", (-0.259240209178, -0.778695394947), (-0.259219906692, -0.778646124245)),
     ],
 )
-def test_right_hand_sides(
-    scheme: Scheme, linear: tuple[float, float], exact: tuple[float, float]
-) -> None:
+def test_right_hand_sides(scheme: Scheme, linear: tuple[float, float], exact: tuple[float, float]) -> None:
     """MATH 2.9, to its tolerance of 1e-11 and the 12 digits given."""
     base = Base.mounted(scheme, LATITUDE)
     alpha = np.array([[0.3, -0.4]])
@@ -134,7 +132,9 @@ def test_gravity_drift_is_a_rotation_about_u_plus_m11_g() -> None:
     along = in_platform(axis, alpha)[:, 2]  # e3 is the platform's axis 3
     np.testing.assert_allclose(along, along[0], rtol=0, atol=1e-11)
     period = 2 * np.pi / np.linalg.norm(axis)
-    np.testing.assert_allclose(solved(base, gyro, (0.1, 0.2), period)[-1] % (2 * np.pi), [0.1, 0.2], atol=1e-10)
+    np.testing.assert_allclose(
+        solved(base, gyro, (0.1, 0.2), period)[-1] % (2 * np.pi), [0.1, 0.2], atol=1e-10
+    )
 
 
 def _without_earth(m: Float) -> tuple[Float, Float]:
@@ -153,7 +153,7 @@ def test_radial_drift_alone() -> None:
 
 
 def test_constant_drift_alone() -> None:
-    """mc1: alpha2' = mc1; mc2: alpha1' = -mc2 / cos(alpha2) (MATH 2.9); a sign error here leaves no residual."""
+    """mc1: alpha2' = mc1; mc2: alpha1' = -mc2 / cos(alpha2); a sign error here leaves no residual."""
     base = Base(np.zeros(3), np.array([0.0, 0.0, -1.0]))
     alpha = np.array([[0.3, -0.4]])
     rates = exact_rates(alpha, Gyro(np.array([0, 0, 0, 0, 0.01, 0]), NONE), base)
@@ -172,7 +172,7 @@ def test_constant_drift_alone() -> None:
     ],
 )
 def test_table_2(scheme: Scheme, by_base: float, by_tilt: float) -> None:
-    """Largest effect of installation errors in 24 h [arcsec]; the issue's bound is 1 %, the digits give 1e-4."""
+    """Largest effect of installation errors in 24 h [arcsec]; four digits are given."""
     base = Base.mounted(scheme, LATITUDE)
     m, minute = np.full(6, 0.01), np.deg2rad(1 / 60)
     chi = mounting_angles(scheme, LATITUDE)
