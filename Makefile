@@ -25,8 +25,8 @@ UV := $(shell command -v uv 2>/dev/null)
 all: $(VENV)/.ready
 	@$(GYROSTAND) discover "$(RECORDINGS)" --out "$(BUILD)" >/dev/null
 	@status=0; \
-	$(MAKE) --no-print-directory -k -f "$(BUILD)/recordings.mk" BUILD="$(BUILD)" GYROSTAND="$(GYROSTAND)" pages \
-		|| status=$$?; \
+	ROOT="$$PWD" OUT="$(BUILD)" $(MAKE) --no-print-directory -s -k -C "$(BUILD)" -f recordings.mk \
+		GYROSTAND="$(GYROSTAND)" pages || status=$$?; \
 	$(GYROSTAND) report "$(BUILD)" --index || status=$$?; \
 	$(GYROSTAND) check "$(BUILD)" || status=$$?; \
 	$(GYROSTAND) verdicts "$(BUILD)" || status=$$?; \

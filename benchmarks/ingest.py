@@ -11,7 +11,7 @@ CSV
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -32,6 +32,7 @@ ROUNDS = 3
 TOPIC = "/gyro"
 IMU = "sensor_msgs/msg/Imu"
 FIELDS = tuple(f"angular_velocity.{axis}" for axis in "xyz")
+COLUMNS = ("p (rad/s)", "q (rad/s)", "r (rad/s)")
 Row = tuple[int, float, float, float]
 
 
@@ -39,8 +40,8 @@ def main() -> None:
     as_json = wants_json("speed of reading recordings beside mcap, rosbags and pandas")
     with TemporaryDirectory() as folder:
         mcap, bag, text = (Path(folder) / f"run.{suffix}" for suffix in ("mcap", "bag", "csv"))
-        for path, count in ((mcap, MESSAGES), (bag, MESSAGES), (text, ROWS)):
-            formats.write(path, [samples(count)])
+        for path, count, names in ((mcap, MESSAGES, FIELDS), (bag, MESSAGES, FIELDS), (text, ROWS, COLUMNS)):
+            formats.write(path, [samples(count, names)])
         of_messages = Request(TOPIC, FIELDS)
         of_rows = Request("", ("p", "q", "r"), (TimeField("time", "s"),))
         candidates = {
@@ -63,12 +64,11 @@ def main() -> None:
     )
 
 
-def samples(count: int) -> Series:
-    """White rates at 400 Hz."""
+def samples(count: int, names: Sequence[str]) -> Series:
+    """White rates at 400 Hz, under the names of the fields or columns that hold p, q, r."""
     stamp = 1_700_000_000_000_000_000 + np.arange(count, dtype=np.int64) * 2_500_000
     rates = np.random.default_rng(0).normal(size=(3, count))
-    names = dict(zip(FIELDS, ("p (rad/s)", "q (rad/s)", "r (rad/s)"), strict=True))
-    return Series(TOPIC, IMU, stamp, stamp, dict(zip(FIELDS, rates, strict=True)), names)
+    return Series(TOPIC, IMU, stamp, stamp, dict(zip(names, rates, strict=True)))
 
 
 def ours(path: Path, request: Request) -> Callable[[], object]:

@@ -88,14 +88,26 @@ def run(
 
 @app.command()
 def validate(recordings: Recordings, plan: PlanOption = None, strict: StrictOption = False) -> None:
-    """Audit recordings and judge what the audit can judge; write nothing."""
+    """Audit recordings and judge what the audit can judge; write nothing.
+
+    One that cannot be judged does not hide the others; the exit code is the gravest.
+    """
     from pipeline import discover, runner
 
     outcomes = []
+    gravest = ExitCode.PASS
     for recording in discover.expand(recordings):
-        outcome = runner.validate(recording, plan)
-        _print_outcome(outcome)
-        outcomes.append(outcome)
+        try:
+            with _progress(recording.name) as progress:
+                outcome = runner.validate(recording, plan, progress)
+        except GyrostandError as error:
+            _complain(str(error))
+            gravest = max(gravest, error.exit_code)
+        else:
+            _print_outcome(outcome)
+            outcomes.append(outcome)
+    if gravest:
+        raise typer.Exit(gravest)
     _finish(outcomes, strict=strict)
 
 
@@ -242,9 +254,13 @@ def _interrupt(*_: object) -> NoReturn:
 
 
 def _fail(lines: str, code: int) -> NoReturn:
+    _complain(lines)
+    sys.exit(code)
+
+
+def _complain(lines: str) -> None:
     for line in lines.splitlines():
         sys.stderr.write(f"gyrostand: {line}\n")
-    sys.exit(code)
 
 
 @contextmanager
@@ -273,10 +289,10 @@ def _headline(outcome: Outcome) -> str:
 
 def _print_outcome(outcome: Outcome) -> None:
     """The verdict, the figures that have limits, and the findings that matter."""
+    from pipeline.verdicts import limited
+
     typer.echo(_headline(outcome))
-    for m in outcome.metrics.to_pylist():
-        if m["lower_limit"] is None and m["upper_limit"] is None:
-            continue
+    for m in limited(outcome.metrics.to_pylist()):
         value = "none" if m["value"] is None else f"{m['value']:.6g}"
         low, high = (("" if m[k] is None else f"{m[k]:.6g}") for k in ("lower_limit", "upper_limit"))
         typer.echo(f"  {m['verdict']:13} {m['channel']} {m['name']} = {value} {m['unit']} [{low} … {high}]")

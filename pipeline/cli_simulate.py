@@ -13,15 +13,6 @@ from pipeline.errors import ExitCode, GyrostandError
 app = typer.Typer(help="Recordings with known truth.", no_args_is_help=True, rich_markup_mode=None)
 
 
-class Format(StrEnum):
-    """The containers that can be written."""
-
-    MCAP = "mcap"
-    ROSBAG1 = "rosbag1"
-    DB3 = "db3"
-    CSV = "csv"
-
-
 class Output(StrEnum):
     """What the gyro gives."""
 
@@ -46,8 +37,13 @@ def samples(out: Annotated[Path, typer.Option("--out", help="Folder for the samp
 
 @app.command()
 def coning(
-    path: Annotated[Path, typer.Argument(help="The recording: .mcap, .bag, .csv, or no suffix for db3.")],
-    form: Annotated[Format | None, typer.Option("--format", help="By default the suffix tells.")] = None,
+    path: Annotated[
+        Path,
+        typer.Argument(
+            help="The recording; the suffix says its format: .mcap, .bag, .csv, none for a ROS 2 bag (db3).",
+            show_default=False,
+        ),
+    ],
     cone_angle: Annotated[str, typer.Option(help="Opening angle of the cone, with unit.")] = "1 deg",
     frequency: Annotated[float, typer.Option(help="Of the coning, Hz.")] = 100.0,
     rate: Annotated[float, typer.Option(help="Samples of the gyro a second, Hz.")] = 400.0,
@@ -67,8 +63,9 @@ def coning(
     white_angle_noise: Annotated[str, typer.Option(help="1 sigma on the angle, with unit.")] = "0 rad",
     bias: Annotated[str, typer.Option(help="Of p, q, r: three numbers with one unit.")] = "0 0 0 rad/s",
     quantum: Annotated[
-        str, typer.Option(help="Least step of the output, with unit; of an increment, that of the angle.")
-    ] = "0 rad/s",
+        str | None,
+        typer.Option(help="Least step of the output, with its unit (of an angle for increments)."),
+    ] = None,
     mounting: Annotated[
         str, typer.Option(help="Rotation vector of the gyro against the body: three numbers with unit.")
     ] = "0 0 0 rad",
@@ -115,7 +112,7 @@ def coning(
             white_noise=_quantity("--white-noise", white_noise, "angular rate"),
             white_angle_noise=_quantity("--white-angle-noise", white_angle_noise, "angle"),
             bias=_triple("--bias", bias, "angular rate"),
-            quantum=0.0 if quantum.startswith("0 ") else _quantity("--quantum", quantum, step),
+            quantum=0.0 if quantum is None else _quantity("--quantum", quantum, step),
             mounting=_triple("--mounting", mounting, "angle"),
         ),
         timing=TimingErrors(
@@ -131,7 +128,7 @@ def coning(
         ),
         reference_noise=_quantity("--reference-noise", reference_noise, "angle"),
     )
-    for written in simulate_coning(settings, seed).write(path, form and form.value):
+    for written in simulate_coning(settings, seed).write(path):
         typer.echo(written)
 
 

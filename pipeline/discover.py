@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pipeline import runner, storage
-from pipeline.errors import ExitCode, GyrostandError
+from pipeline.errors import ExitCode, GyrostandError, writing
 from pipeline.formats.base import RecordingError
 from pipeline.storage.naming import COMPRESSIONS, SUFFIXES
 from pipeline.testplan import find_plan
@@ -21,7 +21,7 @@ RULES = "recordings.mk"
 
 
 class DiscoveryError(GyrostandError):
-    """The recordings of a folder cannot be told apart."""
+    """The recordings of a folder cannot be told apart, or listed."""
 
     exit_code = ExitCode.USAGE
 
@@ -76,8 +76,22 @@ def write_rules(folder: Path, out: Path) -> Path:
 
 
 def listed(listing: Path) -> Path:
-    """The recording that a listing names."""
-    return Path(json.loads(listing.read_text(encoding="utf-8"))["recording"])
+    """The recording that a listing names.
+
+    Raises
+    ------
+    DiscoveryError
+        If the file is no listing.
+    """
+    try:
+        return Path(json.loads(listing.read_text(encoding="utf-8"))["recording"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DiscoveryError(
+            repr(str(listing)),
+            expected="a listing by 'gyrostand discover'",
+            found=error.strerror or "none" if isinstance(error, OSError) else "another file",
+            remedy="leave --listed out to name a recording itself",
+        ) from error
 
 
 def _is_recording(path: Path) -> bool:
@@ -99,23 +113,29 @@ def _listing(recording: Path) -> str:
 
 
 def _rules(names: Iterable[str]) -> str:
-    """Rules of make; the names are safe by `storage.recording_id`, the output folder is make's variable."""
+    """Rules of make, which runs them in the output folder.
+
+    The names are safe by `storage.recording_id`; the output folder, and the folder that the recordings' names
+    start from, may hold a blank, and so are variables of the shell, $OUT and $ROOT.
+    """
     lines = ["# Written by gyrostand discover; do not edit.", "pages:"]
     for name in names:
-        listing, page = f"$(BUILD)/.recordings/{name}", f"$(BUILD)/report/{name}.html"
+        listing, page = f".recordings/{name}", f"report/{name}.html"
         lines += [
             f"pages: {page}",
             f"{listing}.done: {listing}.json",
             # The verdicts are judged together, after all recordings have their tables.
-            f"\t@$(GYROSTAND) run --listed $< --id {name} --out $(BUILD) --defer-verdict",
+            f'\t@cd "$$ROOT" && $(GYROSTAND) run --listed "$$OUT"/$< --id {name} --out "$$OUT" '
+            "--defer-verdict",
             "\t@touch $@",
             f"{page}: {listing}.done",
-            f"\t@$(GYROSTAND) report $(BUILD) --recording {name}",
+            f'\t@cd "$$ROOT" && $(GYROSTAND) report "$$OUT" --recording {name}',
         ]
     return "\n".join(lines) + "\n"
 
 
 def _write_if_changed(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
+    with writing(path, DiscoveryError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")

@@ -6,7 +6,13 @@ what was expected, what was found and what to do, in one line, so that a log or 
 
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
+
+_MACHINE_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENOMEM)
 
 
 class ExitCode(IntEnum):
@@ -22,6 +28,11 @@ class ExitCode(IntEnum):
     """A recording is missing, unreadable or empty."""
     FAULT = 4
     """The fault is ours, or the machine's."""
+
+
+def one_line(text: str) -> str:
+    """A text in one printable line: names from a recording are hostile, and a terminal obeys them."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
 class GyrostandError(Exception):
@@ -56,6 +67,27 @@ class GyrostandError(Exception):
         self.remedy = remedy
         if exit_code is not None:
             self.exit_code = exit_code
-        line = f"{where}: expected {expected}, found {found}; {remedy}"
-        # Names from a recording are hostile: a line break or an escape sequence must not reach a terminal.
-        super().__init__("".join(c if c.isprintable() else "?" for c in " ".join(line.split())))
+        super().__init__(one_line(f"{where}: expected {expected}, found {found}; {remedy}"))
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str], kind: type[GyrostandError]) -> Iterator[None]:
+    """Turn the operating system's refusal to write at a path into an error of the boundary's own kind.
+
+    Raises
+    ------
+    GyrostandError
+        Of that kind; with exit code FAULT where the machine has no room, else USAGE.
+    """
+    try:
+        yield
+    except OSError as error:
+        machine = error.errno in _MACHINE_FAULTS
+        raise kind(
+            repr(os.fspath(path)),
+            expected="room to write" if machine else "a folder that can be written",
+            found=os.strerror(error.errno) if error.errno else str(error),
+            remedy="what was published before is untouched; "
+            + ("make room and run again" if machine else "name another output folder"),
+            exit_code=ExitCode.FAULT if machine else ExitCode.USAGE,
+        ) from error

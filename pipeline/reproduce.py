@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from pipeline import contracts
+from pipeline.formats.base import CLOCKS
 from pipeline.models.coning import ConingMotion, Motion, SmoothConing
+from pipeline.numerics.interpolation import MethodName
 from pipeline.stages import detrend, integrate, interpolate, score
-from pipeline.stages.base import StageError, Stand
+from pipeline.stages.base import ANGLES, StageError, Stand
+
+Float = NDArray[np.float64]
+Time = NDArray[np.int64]
 
 SOURCE = "Godorov & Lutmanov, Problems of Mechanics and Control 48 (2016)"
 
@@ -89,33 +95,19 @@ _ONSET = (
     _Figure("I_gamma corrected, at most", _AFTER, "gamma", 3e-4, printed=0.00474172),
 )
 
-_INTERPOLANTS: tuple[tuple[str, interpolate.Settings, float, float], ...] = (
-    ("linear", interpolate.Settings(method="linear", oversampling=_OVERSAMPLING), 354.45, 0.301),
-    *(
-        (
-            f"spline of degree {d}",
-            interpolate.Settings(method="spline", degree=d, oversampling=_OVERSAMPLING),
-            *figures,
-        )
-        for d, figures in {
-            2: (55.30, 0.412),
-            3: (29.19, 0.0562),
-            5: (2.463, 0.514),
-            7: (1.100, 0.303),
-        }.items()
-    ),
-    ("PCHIP", interpolate.Settings(method="pchip", oversampling=_OVERSAMPLING), 122.8, 0.994),
-    ("Akima", interpolate.Settings(method="akima", oversampling=_OVERSAMPLING), 122.8, 0.715),
-    *(
-        (
-            f"local polynomial of degree {d}",
-            interpolate.Settings(method="local_polynomial", degree=d, oversampling=_OVERSAMPLING),
-            *figures,
-        )
-        for d, figures in {2: (144.37, 0.900), 4: (62.4, 0.469), 5: (60.9, 0.547)}.items()
-    ),
+_INTERPOLANTS: tuple[tuple[str, MethodName, int | None, float, float], ...] = (
+    ("linear", "linear", None, 354.45, 0.301),
+    ("spline of degree 2", "spline", 2, 55.30, 0.412),
+    ("spline of degree 3", "spline", 3, 29.19, 0.0562),
+    ("spline of degree 5", "spline", 5, 2.463, 0.514),
+    ("spline of degree 7", "spline", 7, 1.100, 0.303),
+    ("PCHIP", "pchip", None, 122.8, 0.994),
+    ("Akima", "akima", None, 122.8, 0.715),
+    ("local polynomial of degree 2", "local_polynomial", 2, 144.37, 0.900),
+    ("local polynomial of degree 4", "local_polynomial", 4, 62.4, 0.469),
+    ("local polynomial of degree 5", "local_polynomial", 5, 60.9, 0.547),
 )
-"""Interpolant, its settings, I_γ before and after the removal of the trend."""
+"""Interpolant, its method and degree, I_γ before and after the removal of the trend."""
 
 
 def godorov() -> list[Row]:
@@ -154,7 +146,8 @@ def _section_3() -> Iterator[Row]:
 
 
 def _other_interpolants() -> Iterator[Row]:
-    for name, settings, before, after in _INTERPOLANTS:
+    for name, method, degree, before, after in _INTERPOLANTS:
+        settings = interpolate.Settings(method=method, degree=degree, oversampling=_OVERSAMPLING)
         figures = _run(_CONING, 0.0, settings, "none")
         yield _Figure("I_gamma", _BEFORE, "gamma", before, 0.01).beside(name, figures[_BEFORE, "gamma"])
         yield _Figure("I_gamma corrected", _AFTER, "gamma", after, 0.01).beside(
@@ -208,23 +201,23 @@ def _run(
 def _gyro(motion: Motion, start: float) -> pa.Table:
     """The body rates at 400 Hz."""
     time, t = _clock(start, _RATE)
-    return _table("gyro", time, dict(zip("pqr", motion.rates(t).T, strict=True)))
+    return _table("gyro", time, ("p", "q", "r"), motion.rates(t))
 
 
 def _reference(motion: Motion, start: float) -> pa.Table:
     """The angles on the grid of the attitude."""
     time, t = _clock(start, _RATE * _OVERSAMPLING)
-    return _table("reference", time, dict(zip(("psi", "theta", "gamma"), motion.angles(t).T, strict=True)))
+    return _table("reference", time, ANGLES, motion.angles(t))
 
 
-def _clock(start: float, rate: int) -> tuple[np.ndarray[Any, np.dtype[np.int64]], Any]:
+def _clock(start: float, rate: int) -> tuple[Time, Float]:
     """Nanoseconds from the start to 1 s, and the same in the motion's seconds."""
     n = round((1.0 - start) * rate) + 1
     time = np.arange(n, dtype=np.int64) * (1_000_000_000 // rate)
-    return time, (time + round(start * 1e9)) * 1e-9
+    return time, np.asarray((time + round(start * 1e9)) * 1e-9, dtype=np.float64)
 
 
-def _table(name: str, time: Any, channels: dict[str, Any]) -> pa.Table:
-    stamps = ("header_stamp", "log_time", "publish_time")
-    nothing = {stamp: pa.nulls(len(time), pa.int64()) for stamp in stamps}
-    return contracts.table(name, {"time": time, **nothing, **channels})
+def _table(name: str, time: Time, channels: tuple[str, ...], values: Float) -> pa.Table:
+    """A stream without clocks of a recorder; values (n, 3)."""
+    absent = {clock: pa.nulls(len(time), pa.int64()) for clock in CLOCKS}
+    return contracts.table(name, {"time": time, **absent, **dict(zip(channels, values.T, strict=True))})

@@ -120,14 +120,14 @@ def run(
     return _outcome(name, test_plan.procedure, tables["metrics"], tables["findings"])
 
 
-def validate(recording: Path, plan: Path | None = None) -> Outcome:
+def validate(recording: Path, plan: Path | None = None, progress: Progress | None = None) -> Outcome:
     """Audit a recording and judge the limits that the audit can judge; nothing is written.
 
     Parameters and errors as in `run`.
     """
     formats.detect(recording)
     test_plan = load_plan(plan or find_plan(recording))
-    tables, _ = _run_stages(recording, test_plan, VALIDATION, None)
+    tables, _ = _run_stages(recording, test_plan, VALIDATION, progress)
     metrics = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure, complete=False)
     return _outcome(storage.recording_id(recording), test_plan.procedure, metrics, tables["findings"])
 
@@ -143,7 +143,7 @@ def outcomes(out: Path) -> list[Outcome]:
     found = []
     for name in storage.recordings(out):
         procedure = str(storage.read(out, name, "provenance").column("procedure")[0])
-        metrics, findings = (storage.read(out, name, table) for table in ACCUMULATING[::-1])
+        metrics, findings = storage.read(out, name, "metrics"), storage.read(out, name, "findings")
         found.append(_outcome(name, procedure, metrics, findings))
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.procedures import PROCEDURES
+from pipeline.runner import run
 from pipeline.testplan import load_plan
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -44,6 +46,37 @@ def test_every_setting_is_on_its_procedure_s_page(procedure: str) -> None:
         section = page.split(f"### {stage}\n")[1].split("\n#")[0]
         stated = set(re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE))
         assert stated == set(import_module(f"pipeline.stages.{stage}").Settings.model_fields)
+
+
+SAMPLES = ("godorov.mcap", "noisy_gap.bag", "onset", "vibration.csv")
+
+
+def words(text: str) -> list[str | float]:
+    """The words of an output, its numbers as numbers."""
+    return [float(w) if re.fullmatch(r"-?\d+\.\d+(e-?\d+)?", w) else w for w in text.split()]
+
+
+def test_the_output_on_the_analysts_page_is_real(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(PROJECT / "sample_data", tmp_path / "sample_data")
+    for name in SAMPLES:
+        run(tmp_path / "sample_data" / name, tmp_path / "build")
+    monkeypatch.chdir(tmp_path)
+    page = (PROJECT / "docs" / "analysts.md").read_text(encoding="utf-8")
+    variables: dict[str, object] = {}
+    printed = ""
+    for language, block in re.findall(r"```(\w+)\n(.*?)```", page, flags=re.DOTALL):
+        if language == "python":
+            exec(block, variables)
+            printed = capsys.readouterr().out
+        elif language == "sql":
+            assert "rad/s" in variables["duckdb"].sql(block).fetchall()[0][0]  # type: ignore[attr-defined]
+        else:
+            # pandas and polars print six digits or seven; another machine's sums differ in the last of 16,
+            # which of a small difference of angles (1e-9 rad of 1e-2) leaves five.
+            for found, stated in zip(words(printed), words(block), strict=True):
+                assert found == (pytest.approx(stated, rel=1e-5) if isinstance(stated, float) else stated)
 
 
 def test_every_dependency_has_its_reason() -> None:

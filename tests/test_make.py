@@ -35,8 +35,8 @@ def odd_folder(csv_recording: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def test_odd_names_in_parallel_then_nothing_to_do(odd_folder: Path, tmp_path: Path) -> None:
-    build = tmp_path / "build"
+def test_odd_names_in_parallel_then_nothing_to_do_then_clean(odd_folder: Path, tmp_path: Path) -> None:
+    build = tmp_path / "bu ild"
     first = make("-j2", recordings=odd_folder, build=build)
     assert first.returncode == 0, first.stderr + first.stdout
     assert len(list(build.glob("metrics/recording=*/part-0.parquet"))) == len(ODD)
@@ -47,6 +47,10 @@ def test_odd_names_in_parallel_then_nothing_to_do(odd_folder: Path, tmp_path: Pa
     again = make("-j2", recordings=odd_folder, build=build)
     assert again.returncode == 0, again.stderr
     assert {p: p.stat().st_mtime_ns for p in build.rglob("*.parquet")} == stamps
+
+    assert make("clean", recordings=odd_folder, build=build).returncode == 0
+    assert not build.exists()
+    assert len(list(odd_folder.iterdir())) == len(ODD) + 1
 
 
 def test_a_failed_verdict_fails_each_time(odd_folder: Path, tmp_path: Path) -> None:
@@ -71,3 +75,11 @@ def test_an_unreadable_recording_fails_the_rest_goes_on(odd_folder: Path, tmp_pa
 def test_validate(odd_folder: Path, tmp_path: Path) -> None:
     assert make("validate", recordings=odd_folder, build=tmp_path / "build").returncode == 0
     assert not (tmp_path / "build").exists()
+
+
+def test_validate_judges_all_and_tells_of_the_unreadable(odd_folder: Path, tmp_path: Path) -> None:
+    (odd_folder / "aaa.mcap").write_bytes(b"\0 not a recording")
+    result = make("validate", recordings=odd_folder, build=tmp_path / "build")
+    assert result.returncode != 0
+    assert "aaa.mcap" in result.stderr
+    assert result.stdout.count(": coning: pass") == len(ODD)

@@ -16,14 +16,19 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 PICTURES = {
     "verdict": "//header",
-    "rates": "//section[h2='Angular rates']",
     "trend": "//section[h2='Trend of γ']",
     "two_ends": "//section[h2='γ at the two ends of the record']",
-    "errors": "//section[h2='Errors against the reference']",
 }
 """Where on the page each picture is."""
 
 _DRAWN = "return typeof Bokeh !== 'undefined' && Bokeh.documents.length === 1 && Bokeh.documents[0].is_idle"
+
+
+_HIDE_TOOLBARS = """
+for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type === "Toolbar") model.visible = false;
+"""
+"""A picture has nobody to press their buttons."""
 
 
 def crop(page: Path, folder: Path) -> list[Path]:
@@ -41,6 +46,8 @@ def crop(page: Path, folder: Path) -> list[Path]:
         )  # else selenium looks for one on the net
         with webdriver.Chrome(options=options, service=service) as browser:
             browser.get(page.resolve().as_uri())
+            WebDriverWait(browser, 30).until(lambda b: b.execute_script(_DRAWN))
+            browser.execute_script(_HIDE_TOOLBARS)
             WebDriverWait(browser, 30).until(lambda b: b.execute_script(_DRAWN))
             written = []
             for name, place in PICTURES.items():

@@ -8,14 +8,13 @@ one line in `pipeline.formats.messages.payload_of`.
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
-from pipeline.errors import ExitCode
+from pipeline.errors import ExitCode, writing
 from pipeline.formats import mcap, rosbag1, rosbag2, text
 from pipeline.formats.base import Container, Inspection, RecordingError, Request, Samples, Series, TextLayout
 
@@ -116,23 +115,16 @@ def write(path: str | os.PathLike[str], series: Sequence[Series], encoding: Enco
         raise _usage(path, "MCAP for that encoding", repr(encoding), "name the file ….mcap")
     if path.is_dir():
         raise _usage(path, "a name that is free", "a folder", "choose another name or remove it")
-    try:
-        with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            draft = Path(folder) / path.name
-            if container is mcap:
-                mcap.write(draft, series, encoding)
-            else:
-                container.write(draft, series)
-            os.replace(draft, path)
-    except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        raise RecordingError(
-            str(path),
-            expected="a place to write to",
-            found=error.strerror or str(error),
-            remedy="free space on the disk" if full else "choose another folder",
-            exit_code=ExitCode.FAULT if full else ExitCode.USAGE,
-        ) from error
+    with (
+        writing(path, RecordingError),
+        TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder,
+    ):
+        draft = Path(folder) / path.name
+        if container is mcap:
+            mcap.write(draft, series, encoding)
+        else:
+            container.write(draft, series)
+        os.replace(draft, path)
 
 
 def _container_for(path: Path) -> Container:

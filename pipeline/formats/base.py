@@ -18,7 +18,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Protocol
@@ -27,6 +27,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from pipeline import units
 from pipeline.errors import ExitCode, GyrostandError
 
 CLOCKS = ("header_stamp", "log_time", "publish_time")
@@ -42,9 +43,19 @@ class RecordingError(GyrostandError):
     exit_code = ExitCode.INPUT
 
 
-def one_line(text: str) -> str:
-    """A text from a recording or a library in one printable line."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+def begins_with(path: Path, magic: bytes) -> bool:
+    """Whether a path is a file whose first bytes are these."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(magic)) == magic
+
+
+def wrong_request(
+    where: str, expected: str, found: str, remedy: str = "correct the test plan"
+) -> RecordingError:
+    """The error for what the test plan asks of a recording that cannot give it: exit code USAGE."""
+    return RecordingError(where, expected=expected, found=found, remedy=remedy, exit_code=ExitCode.USAGE)
 
 
 def unknown_name(where: str, kind: str, name: str, known: Iterable[str]) -> RecordingError:
@@ -103,7 +114,11 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A part of the recording that could not be read; ``count`` in ``unit`` ("messages", "bytes" …)."""
+    """A part of the recording that could not be read.
+
+    ``count`` is in ``unit`` ("messages", "bytes", "lines" …); ``start`` and ``end`` are the first and the
+    last log time in it [ns], None where they are not known.
+    """
 
     topic: str
     detail: str
@@ -132,6 +147,25 @@ class TimeField:
 
     path: str
     unit: str
+
+
+def nanoseconds_a_unit(time: TimeField, where: str) -> int:
+    """Nanoseconds in one unit of a time field; ``where`` is for the error.
+
+    Raises
+    ------
+    RecordingError
+        With exit code USAGE if the unit is none of time.
+    """
+    factor = units.factor(time.unit, "time")
+    if factor is None:
+        raise wrong_request(
+            where,
+            f"a unit of time for the field {time.path!r}",
+            repr(time.unit),
+            units.nearest(time.unit, "time"),
+        )
+    return round(factor * 1e9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,16 +208,14 @@ class Series:
     Attributes
     ----------
     topic : str
-        Topic name; for text, the prefix of no column.
+        Topic name; a text file has none.
     message_type : str
         One of the ROS types that the writers know: ``sensor_msgs/msg/Imu``,
-        ``geometry_msgs/msg/QuaternionStamped``, ``geometry_msgs/msg/Vector3Stamped``.
+        ``geometry_msgs/msg/QuaternionStamped``, ``geometry_msgs/msg/Vector3Stamped``; a text file has none.
     log_time, header_stamp : ndarray of int64, shape (n,)
         Nanoseconds.
-    columns : mapping of field path to ndarray of float64, shape (n,)
-        For example ``{"angular_velocity.x": …}``.
-    names : mapping of field path to str
-        What a text file calls the columns, with the unit: ``{"angular_velocity.x": "p (rad/s)"}``.
+    columns : mapping of str to ndarray of float64, shape (n,)
+        By field path, ``{"angular_velocity.x": …}``; in a text file by the header, ``{"p (rad/s)": …}``.
     """
 
     topic: str
@@ -191,7 +223,6 @@ class Series:
     log_time: NDArray[np.int64]
     header_stamp: NDArray[np.int64]
     columns: Mapping[str, NDArray[np.float64]]
-    names: Mapping[str, str] = field(default_factory=dict)
 
 
 class Container(Protocol):

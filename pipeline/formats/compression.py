@@ -9,7 +9,7 @@ from types import MappingProxyType
 import lz4.frame
 import zstandard
 
-from pipeline.formats.base import one_line
+from pipeline.errors import one_line
 
 MAX_CHUNK = 256 * 2**20
 """Bytes to which one chunk or message may inflate. Recorders write chunks of 1 to 64 MiB."""

@@ -16,6 +16,7 @@ from pipeline.formats.base import Field
 from pipeline.formats.payload import (
     MAX_FIELDS,
     MAX_LISTED,
+    STAMPS,
     Bytes,
     Extractor,
     Path,
@@ -29,8 +30,6 @@ from pipeline.formats.payload import (
 
 _SECONDS = ("sec", "secs", "seconds")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanos", "nanoseconds")
-_STAMPS = ("header.stamp", "timestamp")
-"""Where ROS messages and Foxglove's own schemas keep the sender's stamp."""
 _MAX_DEPTH = 32
 _NUMERIC = {"number", "integer", "boolean"}
 
@@ -68,9 +67,7 @@ class JsonPayload:
         if sample is None:
             return None
         message = _load(sample)
-        return next(
-            (path for path in _STAMPS if _stamp(_find(message, path, _split(path))) is not None), None
-        )
+        return next((path for path in STAMPS if _stamp(_find(message, path, _split(path))) is not None), None)
 
     def extractor(self, fields: Sequence[str], times: Sequence[tuple[str, int]]) -> Extractor:
         """Compile a request; decimal numbers are kept exact where a time is asked for."""

@@ -5,16 +5,15 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
-from pipeline.formats.base import Inspection, Loss, Request, Samples, Series, TextLayout
+from pipeline.formats.account import Account
+from pipeline.formats.base import Inspection, Loss, Request, Samples, Series, TextLayout, begins_with
 from pipeline.formats.compression import CompressionError, inflate
 from pipeline.formats.mcap_scan import MAGIC, PARSING, Scan, inner_records, read_summary
 from pipeline.formats.messages import Channel, Channels, Message, inspect_source, read_source
@@ -31,10 +30,7 @@ _CHUNK_SIZE = 2**20
 
 def recognises(path: Path) -> bool:
     """Whether the file begins with MCAP's magic bytes."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    return begins_with(path, MAGIC)
 
 
 def inspect(path: Path, layout: TextLayout) -> Inspection:  # noqa: ARG001 - shape of a container
@@ -77,15 +73,6 @@ def write(path: Path, series: Sequence[Series], encoding: str = "cdr") -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-@dataclass(slots=True)
-class _LostChunk:
-    """A chunk that could not be read; the message indexes behind it say what it held."""
-
-    detail: str
-    size: int
-    indexed: bool = False
-
-
 class McapSource:
     """The messages of an MCAP file."""
 
@@ -97,10 +84,7 @@ class McapSource:
         self._path = path
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._accounted: Counter[int] = Counter()
-        """Messages found, or lost and told of, by channel."""
-        self._unusable: Counter[str] = Counter()
-        self._lost: _LostChunk | None = None
+        self._account = Account(self.losses, self._topic)
 
     def messages(self) -> Iterator[Message]:
         """Every message in the order of the file."""
@@ -119,11 +103,11 @@ class McapSource:
             scan = Scan(file, size, summary.chunks)
             for opcode, body in scan.data_records():
                 if opcode != Opcode.MESSAGE_INDEX:
-                    self._close_lost_chunk()
+                    self._account.close_chunk()
                 yield from self._record(opcode, body, scan.start)
-            self._close_lost_chunk()
+            self._account.close_chunk()
         self.losses += scan.losses
-        self._compare(summary.counts)
+        self._account.close(summary.counts, "the summary")
 
     def _record(self, opcode: int, body: bytes, start: int) -> Iterator[Message]:
         try:
@@ -131,14 +115,14 @@ class McapSource:
                 yield from self._chunk(body)
             elif opcode == Opcode.MESSAGE:
                 yield from self._message(memoryview(body))
-            elif opcode == Opcode.MESSAGE_INDEX:
-                self._index(body)
-            else:
+            elif opcode != Opcode.MESSAGE_INDEX:
                 self._definition(opcode, body)
+            elif self._account.has_lost_chunk:
+                self._index(body)
         except (CompressionError, *PARSING) as error:
             reason = str(error) if isinstance(error, CompressionError) else "it is cut short or damaged"
             if opcode == Opcode.CHUNK:
-                self._lost = _LostChunk(f"the chunk at byte {start} cannot be read: {reason}", len(body))
+                self._account.lose_chunk(f"the chunk at byte {start} cannot be read: {reason}", len(body))
             else:
                 self.losses.append(
                     Loss("", f"the record at byte {start} cannot be read: {reason}", len(body), "bytes")
@@ -161,12 +145,12 @@ class McapSource:
     def _message(self, view: memoryview) -> Iterator[Message]:
         number, _, log_time, publish_time = _MESSAGE.unpack_from(view)
         channel = self._channels.get(number)
-        self._accounted[number] += 1
         if channel is None:
-            self._unusable[f"messages of a channel {number} that the recording does not define"] += 1
+            self._account.found(number, f"messages of a channel {number} that the recording does not define")
         elif (log_time | publish_time) >> 63:
-            self._unusable["messages with a time beyond 64-bit nanoseconds"] += 1
+            self._account.found(number, "messages with a time beyond 64-bit nanoseconds")
         else:
+            self._account.found(number)
             yield channel, log_time, publish_time, view[_MESSAGE.size :]
 
     def _definition(self, opcode: int, body: bytes) -> None:
@@ -187,38 +171,9 @@ class McapSource:
         self._channels[record.id] = self.channels.get(record.topic, described)
 
     def _index(self, body: bytes) -> None:
-        """Behind a lost chunk, take from the index which messages it held."""
-        if self._lost is None:
-            return
         number, length = _INDEX.unpack_from(body)
         entries = min(length, len(body) - _INDEX.size) // _INDEX_ENTRY
-        times = struct.unpack_from("<" + "Q8x" * entries, body, _INDEX.size)
-        topic = self._channels[number].topic if number in self._channels else ""
-        self.losses.append(
-            Loss(
-                topic,
-                self._lost.detail,
-                entries,
-                "messages",
-                min(times, default=None),
-                max(times, default=None),
-            )
-        )
-        self._accounted[number] += entries
-        self._lost.indexed = True
+        self._account.index(number, struct.unpack_from("<" + "Q8x" * entries, body, _INDEX.size))
 
-    def _close_lost_chunk(self) -> None:
-        if self._lost is not None and not self._lost.indexed:
-            self.losses.append(Loss("", self._lost.detail, self._lost.size, "bytes"))
-        self._lost = None
-
-    def _compare(self, counts: dict[int, int]) -> None:
-        """Compare with the counts of the summary."""
-        for detail, count in self._unusable.items():
-            self.losses.append(Loss("", detail, count, "messages"))
-        for number, count in counts.items():
-            missing = count - self._accounted[number]
-            if missing > 0:
-                topic = self._channels[number].topic if number in self._channels else ""
-                detail = f"the summary counts {count} messages, {count - missing} were found"
-                self.losses.append(Loss(topic, detail, missing, "messages"))
+    def _topic(self, number: int) -> str:
+        return self._channels[number].topic if number in self._channels else ""

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import pyarrow as pa
 
-from pipeline.errors import ExitCode
 from pipeline.formats.base import (
     CLOCKS,
     Field,
@@ -23,10 +22,12 @@ from pipeline.formats.base import (
     Request,
     Samples,
     Topic,
+    nanoseconds_a_unit,
     unknown_name,
+    wrong_request,
 )
 from pipeline.formats.json_payload import JsonPayload
-from pipeline.formats.payload import Batch, Bytes, Decoder, Payload, PayloadError, Schema, nanoseconds_a_unit
+from pipeline.formats.payload import Batch, Bytes, Decoder, Payload, PayloadError, Schema
 from pipeline.formats.protobuf_payload import ProtobufPayload
 from pipeline.formats.ros_payload import RosPayload
 from pipeline.formats.ros_types import HUMBLE, message_type, standard_type
@@ -259,16 +260,19 @@ class _Reader:
     def want(self, request: Request) -> None:
         """Add the fields of a request."""
         self._fields |= dict.fromkeys(request.fields)
-        self._times |= {time.path: nanoseconds_a_unit(time, self._where) for time in request.times}
+        for time in request.times:
+            scale = nanoseconds_a_unit(time, self._where)
+            if self._times.setdefault(time.path, scale) != scale:
+                raise wrong_request(
+                    self._where, f"one unit of time for {time.path!r}", f"{time.unit!r} and another"
+                )
         names = [*CLOCKS, *self._fields, *self._times]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise RecordingError(
+            raise wrong_request(
                 self._where,
-                expected="each field once, as a number or as a time, and none by the name of a clock",
-                found=f"{twice!r} twice",
-                remedy="change the test plan",
-                exit_code=ExitCode.USAGE,
+                "each field once, as a number or as a time, and none by the name of a clock",
+                f"{twice!r} twice",
             )
 
     def add(self, message: Message) -> None:

@@ -21,9 +21,8 @@ from typing import Protocol
 import numpy as np
 import pyarrow as pa
 
-from pipeline import units
-from pipeline.errors import ExitCode
-from pipeline.formats.base import Field, RecordingError, TimeField, one_line
+from pipeline.errors import one_line
+from pipeline.formats.base import Field
 
 Bytes = bytes | memoryview
 Row = Sequence[float | int | None]
@@ -34,6 +33,9 @@ MAX_FIELDS = 4096
 """Fields of one topic that are listed; more can still be requested by their path."""
 MAX_LISTED = 64
 """Elements of one array that are listed; more can still be requested by their index."""
+
+STAMPS = ("header.stamp", "timestamp")
+"""Where messages like those of ROS, and Foxglove's own schemas, keep the sender's stamp."""
 
 _LIMIT = 2**63
 _TOKEN = re.compile(r"([^.\[\]]+)|\[(\d{1,9})\]")
@@ -124,20 +126,6 @@ def numbers(values: Sequence[float | int | None]) -> pa.Array:
 def times(values: Sequence[float | int | None]) -> pa.Array:
     """An ``int64`` column: None becomes null."""
     return pa.array(values, type=pa.int64())
-
-
-def nanoseconds_a_unit(time: TimeField, where: str) -> int:
-    """Nanoseconds in one unit of a time field."""
-    factor = units.factor(time.unit, "time")
-    if factor is None:
-        raise RecordingError(
-            where,
-            expected=f"a unit of time for the field {time.path!r}",
-            found=repr(time.unit),
-            remedy=units.nearest(time.unit, "time"),
-            exit_code=ExitCode.USAGE,
-        )
-    return round(factor * 1e9)
 
 
 def nanoseconds(value: float | int | str | Decimal, scale: int) -> int | None:

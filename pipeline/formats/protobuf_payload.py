@@ -15,6 +15,7 @@ from pipeline.formats.base import Field
 from pipeline.formats.payload import (
     MAX_FIELDS,
     MAX_LISTED,
+    STAMPS,
     Bytes,
     Extractor,
     Path,
@@ -44,8 +45,6 @@ _NUMERIC = MappingProxyType(
         FieldDescriptor.TYPE_ENUM: "enum",
     }
 )
-_STAMPS = ("header.stamp", "timestamp")
-"""Where ROS-like messages and Foxglove's own schemas keep the sender's stamp."""
 _STAMP_NAMES = (("seconds", "nanos"), ("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"))
 _MAX_VISITS = 10**5
 """Fields looked at for a list of them; descriptors of a few lines can double it with each line."""
@@ -90,7 +89,7 @@ class ProtobufPayload:
 
     def header_stamp(self, sample: Bytes | None) -> str | None:  # noqa: ARG002 - the type says it all
         """The sender's stamp, where the type has one."""
-        for path in _STAMPS:
+        for path in STAMPS:
             field = self._resolve(path)
             if field is not None and _stamp_names(field):
                 return path

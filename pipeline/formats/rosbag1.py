@@ -16,7 +16,17 @@ from hashlib import md5
 from pathlib import Path
 from typing import BinaryIO
 
-from pipeline.formats.base import Inspection, Loss, RecordingError, Request, Samples, Series, TextLayout
+from pipeline.formats.account import Account
+from pipeline.formats.base import (
+    Inspection,
+    Loss,
+    RecordingError,
+    Request,
+    Samples,
+    Series,
+    TextLayout,
+    begins_with,
+)
 from pipeline.formats.compression import CompressionError, inflate
 from pipeline.formats.messages import Channel, Channels, Message, inspect_source, read_source
 from pipeline.formats.payload import Schema
@@ -37,10 +47,7 @@ class _DamagedError(Exception):
 
 def recognises(path: Path) -> bool:
     """Whether the file begins as a bag does."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return begins_with(path, _MAGIC)
 
 
 def inspect(path: Path, layout: TextLayout) -> Inspection:  # noqa: ARG001 - shape of a container
@@ -120,13 +127,9 @@ class Rosbag1Source:
         self.losses: list[Loss] = []
         self._path = path
         self._connections: dict[int, Channel] = {}
-        self._accounted: Counter[int] = Counter()
-        """Messages found, or lost and told of, by connection."""
+        self._account = Account(self.losses, self._topic)
         self._listed: dict[int, tuple[str, Schema]] = {}
         """Connections as the index has them, for those that no chunk defines."""
-        self._undefined: Counter[int] = Counter()
-        self._lost: tuple[str, int] | None = None
-        """A chunk that could not be read: why, and its size; the index behind it says what it held."""
 
     def messages(self) -> Iterator[Message]:
         """Every message in the order of the file."""
@@ -141,14 +144,7 @@ class Rosbag1Source:
             yield from self._scan(file, size, index.chunks)
         for number in self._listed:
             self._channel(number)
-        for number, count in self._undefined.items():
-            detail = f"messages of a connection {number} that the bag does not define"
-            self.losses.append(Loss("", detail, count, "messages"))
-        for number, count in index.counts.items():
-            missing = count - self._accounted[number]
-            if missing > 0:
-                detail = f"the index counts {count} messages, {count - missing} were found"
-                self.losses.append(Loss(self._topic(number), detail, missing, "messages"))
+        self._account.close(index.counts, "the index")
 
     def _read_index(self, file: BinaryIO, size: int) -> _Index:
         index = _Index()
@@ -191,11 +187,11 @@ class Rosbag1Source:
                 position = end
                 continue
             if op != _INDEX:
-                self._close_lost_chunk()
+                self._account.close_chunk()
             data = file.read(record.data_size) if op in (_CHUNK, _INDEX, _CONNECTION, _MESSAGE) else b""
             yield from self._record(op, record, data)
             position = record.end
-        self._close_lost_chunk()
+        self._account.close_chunk()
 
     def _record(self, op: int, record: _Record, data: bytes) -> Iterator[Message]:
         try:
@@ -205,11 +201,12 @@ class Rosbag1Source:
                 yield from self._message(record, memoryview(data))
             elif op == _CONNECTION:
                 self._listed.setdefault(record.number(b"conn", "<I"), _connection(record, data))
-            elif op == _INDEX:
-                self._index_behind(record, data)
+            elif op == _INDEX and self._account.has_lost_chunk:
+                self._index(record, data)
         except (CompressionError, _DamagedError) as error:
             if op == _CHUNK:
-                self._lost = (f"the chunk at byte {record.start} cannot be read: {error}", len(data))
+                detail = f"the chunk at byte {record.start} cannot be read: {error}"
+                self._account.lose_chunk(detail, len(data))
             else:
                 detail = f"the record at byte {record.start} cannot be read: {error}"
                 self.losses.append(Loss("", detail, len(data), "bytes"))
@@ -237,11 +234,11 @@ class Rosbag1Source:
         number = record.number(b"conn", "<I")
         stamp = record.number(b"time", "<Q")  # seconds in the low half, nanoseconds in the high
         time = (stamp & 0xFFFFFFFF) * 10**9 + (stamp >> 32)
-        self._accounted[number] += 1
         channel = self._connections.get(number) or self._channel(number)
         if channel is None:
-            self._undefined[number] += 1
+            self._account.found(number, f"messages of a connection {number} that the bag does not define")
         else:
+            self._account.found(number)
             yield channel, time, time, data
 
     def _define(self, record: _Record, data: bytes) -> None:
@@ -254,22 +251,9 @@ class Rosbag1Source:
             self._connections[number] = self.channels.get(*self._listed[number])
         return self._connections.get(number)
 
-    def _index_behind(self, record: _Record, data: bytes) -> None:
-        """Behind a lost chunk, take from the index which messages it held."""
-        if self._lost is None:
-            return
-        number = record.number(b"conn", "<I")
+    def _index(self, record: _Record, data: bytes) -> None:
         times = [s * 10**9 + ns for s, ns, _ in struct.iter_unpack("<III", data[: len(data) // 12 * 12])]
-        self._accounted[number] += len(times)
-        detail, _ = self._lost
-        start, end = min(times, default=None), max(times, default=None)
-        self.losses.append(Loss(self._topic(number), detail, len(times), "messages", start, end))
-        self._lost = (detail, 0)
-
-    def _close_lost_chunk(self) -> None:
-        if self._lost is not None and self._lost[1]:
-            self.losses.append(Loss("", self._lost[0], self._lost[1], "bytes"))
-        self._lost = None
+        self._account.index(record.number(b"conn", "<I"), times)
 
     def _topic(self, number: int) -> str:
         channel = self._channel(number)

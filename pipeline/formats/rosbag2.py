@@ -19,7 +19,8 @@ import zstandard
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from pipeline.errors import ExitCode
+from pipeline.errors import ExitCode, one_line
+from pipeline.formats.account import Account
 from pipeline.formats.base import (
     Inspection,
     Loss,
@@ -28,7 +29,7 @@ from pipeline.formats.base import (
     Samples,
     Series,
     TextLayout,
-    one_line,
+    begins_with,
 )
 from pipeline.formats.compression import CompressionError, inflate
 from pipeline.formats.mcap import McapSource
@@ -47,10 +48,7 @@ _SLACK = 2**20
 
 def recognises(path: Path) -> bool:
     """Whether it is a folder with metadata.yaml, or an SQLite file."""
-    if path.is_dir():
-        return (path / _METADATA).is_file()
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    return (path / _METADATA).is_file() if path.is_dir() else begins_with(path, MAGIC)
 
 
 def inspect(path: Path, layout: TextLayout) -> Inspection:  # noqa: ARG001 - shape of a container
@@ -125,20 +123,16 @@ class FolderSource:
 
     def messages(self) -> Iterator[Message]:
         """Every message, file by file."""
-        found: Counter[str] = Counter()
+        account = Account[str](self.losses, str)
         for name in self._metadata.files:
             if not (self._path / name).is_file():
                 self.losses.append(Loss("", f"the bag's file {name!r} is missing", 0, "messages"))
                 continue
             with self._inflated(self._path / name) as file:
-                yield from self._file(file, found)
-        for topic, count in self._metadata.counts.items():
-            missing = count - found[topic]
-            if missing > 0:
-                detail = f"{_METADATA} counts {count} messages, {found[topic]} were found"
-                self.losses.append(Loss(topic, detail, missing, "messages"))
+                yield from self._file(file, account)
+        account.close(self._metadata.counts, _METADATA)
 
-    def _file(self, path: Path, found: Counter[str]) -> Iterator[Message]:
+    def _file(self, path: Path, account: Account[str]) -> Iterator[Message]:
         source: Source
         if self._metadata.storage == "mcap":
             source = McapSource(path, self.channels)
@@ -146,7 +140,7 @@ class FolderSource:
             source = SqliteSource(path, self.channels, self._metadata.serialisations)
         damaged: Counter[Channel] = Counter()
         for message in source.messages():
-            found[message[0].topic] += 1
+            account.found(message[0].topic)
             if self._metadata.compression_mode != "message":
                 yield message
                 continue

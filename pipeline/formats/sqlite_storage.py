@@ -14,7 +14,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pipeline.formats.base import Loss, one_line
+from pipeline.errors import one_line
+from pipeline.formats.base import Loss
 from pipeline.formats.messages import Channel, Channels, Message
 from pipeline.formats.payload import Schema
 from pipeline.formats.ros_types import HUMBLE

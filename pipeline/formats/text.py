@@ -21,7 +21,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pipeline import units
 from pipeline.errors import ExitCode
 from pipeline.formats import text_bytes
 from pipeline.formats.base import (
@@ -34,9 +33,11 @@ from pipeline.formats.base import (
     TextLayout,
     TimeField,
     Topic,
+    nanoseconds_a_unit,
     unknown_name,
+    wrong_request,
 )
-from pipeline.formats.text_cells import NANOSECONDS, parse
+from pipeline.formats.text_cells import parse
 from pipeline.formats.text_layout import FoundLayout, find_layout
 
 FORMAT = "text"
@@ -88,12 +89,11 @@ def read(path: Path, requests: Sequence[Request], layout: TextLayout) -> Samples
     where = str(path)
     for request in requests:
         if request.topic:
-            raise RecordingError(
+            raise wrong_request(
                 where,
-                expected="no topic: a text file has none",
-                found=repr(request.topic),
-                remedy="leave topic out of the test plan",
-                exit_code=ExitCode.USAGE,
+                "no topic: a text file has none",
+                repr(request.topic),
+                "leave topic out of the test plan",
             )
     text, losses = text_bytes.load(path)
     found = find_layout(text, layout, where)
@@ -101,16 +101,10 @@ def read(path: Path, requests: Sequence[Request], layout: TextLayout) -> Samples
     times = _unique(time for request in requests for time in request.times)
     numbers = {field: _index(field, found, where) for field in fields}
     moments = {time.path: _index(time.path, found, where) for time in times}
-    as_times = _time_units(times, moments, where)
+    as_times = _time_scales(times, moments, where)
     for path_, index in numbers.items():
         if index in as_times:
-            raise RecordingError(
-                f"{where}, column {path_!r}",
-                expected="a channel or a time",
-                found="both",
-                remedy="correct the test plan",
-                exit_code=ExitCode.USAGE,
-            )
+            raise wrong_request(f"{where}, column {path_!r}", "a channel or a time", "both")
     columns, more = parse(text, found, set(numbers.values()), as_times, where)
     table = pa.table({name: columns[index] for name, index in (numbers | moments).items()})
     return Samples({"": table}, losses + more)
@@ -125,13 +119,13 @@ def write(path: Path, series: Sequence[Series]) -> None:
     delimiter = "\t" if ".tsv" in path.suffixes[-2:] else ","
     names = [TIME_COLUMN]
     for one in series:
-        names += [one.names.get(column, column) for column in one.columns]
+        names += one.columns
     if len(set(names)) < len(names):
         raise RecordingError(
             str(path),
             expected="a name of its own for every column",
             found=", ".join(names),
-            remedy="give names with each series",
+            remedy="name the columns of the series apart",
             exit_code=ExitCode.FAULT,
         )
     rows, places = _rows(series)
@@ -193,37 +187,26 @@ def _index(path: str, found: FoundLayout, where: str) -> int:
             index = candidates.index(path)
             if found.columns[index].number:
                 return index
-            raise RecordingError(
-                f"{where}, column {path!r}",
-                expected="numbers",
-                found="words",
-                remedy="name another column in the test plan",
-                exit_code=ExitCode.USAGE,
+            raise wrong_request(
+                f"{where}, column {path!r}", "numbers", "words", "name another column in the test plan"
             )
     same = [name for name, bare in zip(names, bare_names, strict=True) if bare == path]
     if same:
-        raise RecordingError(
+        raise wrong_request(
             where,
-            expected=f"one column {path!r}",
-            found=", ".join(map(repr, same)),
-            remedy="name it with its unit in the test plan",
-            exit_code=ExitCode.USAGE,
+            f"one column {path!r}",
+            ", ".join(map(repr, same)),
+            "name it with its unit in the test plan",
         )
     raise unknown_name(where, "column", path, [*names, *(bare for bare in bare_names if bare not in names)])
 
 
-def _time_units(times: Iterable[TimeField], columns: Mapping[str, int], where: str) -> dict[int, str]:
-    """The unit of each time column, checked."""
-    found: dict[int, str] = {}
+def _time_scales(times: Iterable[TimeField], columns: Mapping[str, int], where: str) -> dict[int, int]:
+    """Nanoseconds in one unit of each time column."""
+    scales: dict[int, int] = {}
     for time in times:
-        unit = units.canonical(time.unit)
-        index = columns[time.path]
-        if unit not in NANOSECONDS or found.setdefault(index, unit) != unit:
-            raise RecordingError(
-                f"{where}, column {time.path!r}",
-                expected=f"one unit of time of {', '.join(NANOSECONDS)}",
-                found=repr(time.unit) if unit not in NANOSECONDS else f"{unit!r} and {found[index]!r}",
-                remedy="correct the test plan",
-                exit_code=ExitCode.USAGE,
-            )
-    return found
+        at = f"{where}, column {time.path!r}"
+        scale = nanoseconds_a_unit(time, at)
+        if scales.setdefault(columns[time.path], scale) != scale:
+            raise wrong_request(at, "one unit of time", f"{time.unit!r} and another")
+    return scales

@@ -91,9 +91,8 @@ def load(path: Path) -> tuple[bytes, tuple[Loss, ...]]:
         )
         raw = raw[:whole_lines]
     text = _decode(raw)
-    if (
-        b"\0" in text[:_LOOK]
-    ):  # further on it is the block that a power failure left: lines lost, not a wrong format
+    # Further on, zero bytes are the block that a power failure left: lines lost, not a wrong format.
+    if b"\0" in text[:_LOOK]:
         raise RecordingError(
             str(path),
             expected="text",

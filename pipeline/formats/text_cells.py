@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from decimal import ROUND_HALF_UP, Decimal, InvalidOperation, localcontext
-from types import MappingProxyType
 
 import numpy as np
 import pyarrow as pa
@@ -23,18 +22,13 @@ from pipeline.formats.base import Loss, RecordingError
 from pipeline.formats.text_head import MISSING, WHITESPACE, number_pattern, split
 from pipeline.formats.text_layout import FoundLayout
 
-NANOSECONDS: Mapping[str, int] = MappingProxyType(
-    {"h": 3600 * 10**9, "min": 60 * 10**9, "s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-)
-"""Nanoseconds in each unit of time."""
-
 _SHOWN = 10
 _DIGITS = pa.decimal128(37, 18)
 _INT64 = np.iinfo(np.int64)
 
 
 def parse(
-    text: bytes, layout: FoundLayout, numbers: Collection[int], times: Mapping[int, str], where: str
+    text: bytes, layout: FoundLayout, numbers: Collection[int], times: Mapping[int, int], where: str
 ) -> tuple[dict[int, pa.ChunkedArray], tuple[Loss, ...]]:
     """Parse some columns of a text recording.
 
@@ -46,8 +40,8 @@ def parse(
         Its layout.
     numbers : collection of int
         Indices of the columns to be read as ``float64``.
-    times : mapping of int to str
-        Indices of the columns to be read as times, each with its unit, a key of `NANOSECONDS`.
+    times : mapping of int to int
+        Indices of the columns to be read as times, each with the nanoseconds in one of its units.
     where : str
         The file, for errors.
 
@@ -146,7 +140,7 @@ def _parse_by_line(
     body: bytes,
     layout: FoundLayout,
     kinds: Mapping[int, pa.DataType],
-    times: Mapping[int, str],
+    times: Mapping[int, int],
     where: str,
 ) -> tuple[dict[int, pa.ChunkedArray], tuple[Loss, ...]]:
     """Leave out the lines that are no rows, make null the cells that are no numbers, and say so."""
@@ -226,15 +220,15 @@ def _sort_lines(body: bytes, layout: FoundLayout) -> tuple[list[bytes], list[int
 
 
 def _tolerant(
-    cells: pa.ChunkedArray, unit: str | None, decimal: str
+    cells: pa.ChunkedArray, scale: int | None, decimal: str
 ) -> tuple[pa.ChunkedArray, NDArray[np.intp]]:
-    """Cells as numbers (or times, where there is a unit), null where they are none, and which those are."""
+    """Cells as numbers (or times, where there is a scale), null where they are none, and which those are."""
     garbled = np.empty(0, dtype=np.intp)
     while True:
         try:
-            if unit is None:
+            if scale is None:
                 return _exact_numbers(cells, decimal), garbled
-            return _exact_times(cells, unit, decimal), garbled
+            return _exact_times(cells, scale, decimal), garbled
         except _GarbledError as error:
             garbled = np.union1d(garbled, error.rows)
             keep = np.ones(len(cells), dtype=bool)
@@ -264,11 +258,11 @@ def _exact_numbers(cells: pa.ChunkedArray, decimal: str) -> pa.ChunkedArray:
     return pc.cast(cells, pa.float64())
 
 
-def _exact_times(cells: pa.ChunkedArray, unit: str, decimal: str) -> pa.ChunkedArray:
+def _exact_times(cells: pa.ChunkedArray, scale: int, decimal: str) -> pa.ChunkedArray:
     """Decimal text to the nearest nanosecond, halves away from zero.
 
-    A cell is ``whole + fraction / 10^18`` of its unit of K ns, so that with ``fraction = 10^9 high + low``
-    its nanoseconds are ``whole K + (high K + low K / 10^9) / 10^9``: integers throughout.
+    A cell is ``whole + fraction / 10^18`` of its unit of ``scale`` ns, so that with ``fraction = 10^9 high +
+    low`` its nanoseconds are ``whole scale + (high scale + low scale / 10^9) / 10^9``: integers throughout.
     """
     cells = _point(cells, decimal)
     try:
@@ -276,19 +270,18 @@ def _exact_times(cells: pa.ChunkedArray, unit: str, decimal: str) -> pa.ChunkedA
         whole_part = pc.trunc(exact)
         whole = pc.cast(whole_part, pa.int64()).to_numpy()
     except pa.ArrowInvalid:  # a garbled cell, or more digits than the type has
-        return _decimal_times(cells, unit)
+        return _decimal_times(cells, scale)
     fraction = _low_words(pc.subtract(exact, whole_part))
-    k = NANOSECONDS[unit]
-    most = _INT64.max // k
+    most = _INT64.max // scale
     if np.any((whole >= most) | (whole <= -most)):
-        return _decimal_times(cells, unit)
+        return _decimal_times(cells, scale)
     sign = np.sign(fraction)
     high, low = np.divmod(np.abs(fraction), 10**9)
-    if k >= 10**9:
-        part = high * (k // 10**9) + (low * (k // 10**9) + 5 * 10**8) // 10**9
+    if scale >= 10**9:
+        part = high * (scale // 10**9) + (low * (scale // 10**9) + 5 * 10**8) // 10**9
     else:
-        part = (high * k + low * k // 10**9 + 5 * 10**8) // 10**9
-    return pa.chunked_array([pa.array(whole * k + sign * part, mask=cells.is_null().to_numpy())])
+        part = (high * scale + low * scale // 10**9 + 5 * 10**8) // 10**9
+    return pa.chunked_array([pa.array(whole * scale + sign * part, mask=cells.is_null().to_numpy())])
 
 
 def _low_words(exact: pa.Array) -> NDArray[np.int64]:
@@ -297,7 +290,7 @@ def _low_words(exact: pa.Array) -> NDArray[np.int64]:
     return words[2 * exact.offset : 2 * (exact.offset + len(exact)) : 2]
 
 
-def _decimal_times(cells: pa.ChunkedArray, unit: str) -> pa.ChunkedArray:
+def _decimal_times(cells: pa.ChunkedArray, scale: int) -> pa.ChunkedArray:
     """One cell at a time, with as many digits as it has."""
     rows = _garbled(cells, number_pattern("."))
     if rows.size:
@@ -311,7 +304,7 @@ def _decimal_times(cells: pa.ChunkedArray, unit: str) -> pa.ChunkedArray:
                 times.append(None)
                 continue
             try:
-                time = int((Decimal(cell) * NANOSECONDS[unit]).quantize(Decimal(1), ROUND_HALF_UP))
+                time = int((Decimal(cell) * scale).quantize(Decimal(1), ROUND_HALF_UP))
             except InvalidOperation:  # beyond 60 digits
                 time = _INT64.max + 1
             if not _INT64.min <= time <= _INT64.max:

@@ -90,10 +90,10 @@ class Head:
 
     @cached_property
     def score(self) -> float:
-        """How well the reading explains the lines: the count of numbers times their share of the cells."""
-        numbers = self._numbers_by_width[self.width]
-        rows = sum(any(map(self.is_number, row)) for row in self.sample)
-        return numbers * numbers / (rows * self.width) if rows else 0.0
+        """How well the reading explains the lines: the count of numbers times the share of fitting cells."""
+        rows = [row for row in self.sample if any(map(self.is_number, row))]
+        fitting = sum(self._fits(cell) for row in rows for cell in row)
+        return self._numbers_by_width[self.width] * fitting / (len(rows) * self.width) if rows else 0.0
 
     @cached_property
     def numeric(self) -> tuple[bool, ...]:
@@ -101,7 +101,7 @@ class Head:
 
         Lines with less than half of the fitting cells of the best one are no rows, and have no say.
         """
-        fitting = [sum(self.is_number(cell) or cell in MISSING for cell in row) for row in self.sample]
+        fitting = [sum(map(self._fits, row)) for row in self.sample]
         rows = [row for row, count in zip(self.sample, fitting, strict=True) if 2 * count >= max(fitting)]
         present = [[cell for cell in column if cell not in MISSING] for column in zip(*rows, strict=True)]
         return tuple(2 * sum(map(self.is_number, cells)) >= len(cells) for cells in present)
@@ -115,16 +115,16 @@ class Head:
         """Whether a cell is a number, NaN and infinity included."""
         return self.number.fullmatch(cell) is not None
 
+    def _fits(self, cell: str) -> bool:
+        """Whether a column of numbers may hold the cell."""
+        return self.is_number(cell) or cell in MISSING
+
     def is_data(self, row: Row) -> bool:
         """Whether a line is a row: as wide, and numbers where they belong."""
         return (
             len(row) == self.width
             and any(map(self.is_number, row))
-            and all(
-                self.is_number(cell) or cell in MISSING
-                for cell, numeric in zip(row, self.numeric, strict=True)
-                if numeric
-            )
+            and all(self._fits(cell) for cell, numeric in zip(row, self.numeric, strict=True) if numeric)
         )
 
     def as_header(self, line: str) -> tuple[str, ...] | None:

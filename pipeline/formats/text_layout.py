@@ -17,8 +17,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.errors import ExitCode
-from pipeline.formats.base import RecordingError, TextLayout
+from pipeline.formats.base import RecordingError, TextLayout, wrong_request
 from pipeline.formats.text_head import COMMENTS, SAMPLE_LINES, WHITESPACE, Head, Row
 
 _READINGS = (
@@ -181,40 +180,28 @@ def _columns(names: Row, unit_row: Row | None, numeric: Sequence[bool]) -> tuple
 def _check_asked(asked: TextLayout, where: str) -> None:
     mark = asked.delimiter
     if mark is not None and mark != WHITESPACE and (len(mark) != 1 or not mark.isascii() or mark in '"\r\n'):
-        raise RecordingError(
-            where,
-            expected='one ASCII character or "whitespace" as delimiter in [text]',
-            found=repr(mark),
-            remedy="correct the test plan",
-            exit_code=ExitCode.USAGE,
-        )
+        raise wrong_request(where, 'one ASCII character or "whitespace" as delimiter in [text]', repr(mark))
     if asked.decimal not in (None, ".", ",") or (asked.decimal and asked.decimal == asked.delimiter):
-        raise RecordingError(
-            where,
-            expected='"." or "," as decimal in [text], other than the delimiter',
-            found=repr(asked.decimal),
-            remedy="correct the test plan",
-            exit_code=ExitCode.USAGE,
+        raise wrong_request(
+            where, '"." or "," as decimal in [text], other than the delimiter', repr(asked.decimal)
         )
 
 
 def _check_found(head: Head, header: Row | None, asked: TextLayout, where: str) -> None:
     """Refuse what would be a guess, and what is not as asked."""
     if asked.columns is not None and len(asked.columns) != head.width:
-        raise RecordingError(
+        raise wrong_request(
             where,
-            expected=f"{len(asked.columns)} columns, as [text] names them",
-            found=f"{head.width} in the rows of the file",
-            remedy="name every column in [text] columns, or check its delimiter",
-            exit_code=ExitCode.USAGE,
+            f"{len(asked.columns)} columns, as [text] names them",
+            f"{head.width} in the rows of the file",
+            "name every column in [text] columns, or check its delimiter",
         )
     if asked.header and header is None:
-        raise RecordingError(
+        raise wrong_request(
             where,
-            expected=f"a header of {head.width} names, as [text] says",
-            found="none above the rows",
-            remedy="leave header out, or name the columns in [text] columns",
-            exit_code=ExitCode.USAGE,
+            f"a header of {head.width} names, as [text] says",
+            "none above the rows",
+            "leave header out, or name the columns in [text] columns",
         )
     if asked.delimiter is None and head.delimiter == "," and header is None and _may_be_halves(head.sample):
         raise RecordingError(

@@ -145,8 +145,6 @@ class Correlation:
     lag: Float
     value: Float
     """In [-1, 1]; -1 where the records overlap too little."""
-    matrix: Float
-    """sum x y(lag)^T, shape (lags, 3, 3) [rad²]."""
 
     @property
     def best(self) -> int:
@@ -156,7 +154,7 @@ class Correlation:
     def within(self, longest: float) -> Correlation:
         """The lags up to ``longest`` either way [s]."""
         near = np.abs(self.lag) <= longest
-        return Correlation(self.lag[near], self.value[near], self.matrix[near])
+        return Correlation(self.lag[near], self.value[near])
 
     def crests(self, share: float) -> Float:
         """Lags of the crests of at least ``share`` of the greatest value [s].
@@ -198,7 +196,7 @@ def correlation(reference: Increments, gyro: Cumulative, longest: float, *, rota
         whole = irfft(product, size, axis=0)
         return np.asarray(np.concatenate([whole[size - reach :], whole[: reach + 1]]), dtype=np.float64)
 
-    matrix = crossed(x, y)
+    matrix = crossed(x, y)  # B(lag) = sum x y(lag)^T
     ones_x, ones_y = in_x[:, None].astype(np.float64), in_y[:, None].astype(np.float64)
     power_x = crossed(np.sum(x * x, axis=1, keepdims=True), ones_y)[:, 0, 0]
     power_y = crossed(ones_x, np.sum(y * y, axis=1, keepdims=True))[:, 0, 0]
@@ -208,7 +206,7 @@ def correlation(reference: Increments, gyro: Cumulative, longest: float, *, rota
     gain = np.linalg.eigvalsh(_davenport(matrix))[:, 3] if rotated else trace
     value = np.full(len(gain), -1.0)
     value[usable] = gain[usable] / np.sqrt(power_x[usable] * power_y[usable])
-    return Correlation(step * np.arange(-reach, reach + 1, dtype=np.float64), value, matrix)
+    return Correlation(step * np.arange(-reach, reach + 1, dtype=np.float64), value)
 
 
 def _on_grid(grid: Float, time: Float, angle: Float) -> tuple[Float, Bool]:

@@ -75,7 +75,10 @@ class Harmonic:
 
 @dataclass(frozen=True, slots=True)
 class HarmonicFit:
-    """A fitted model: ``slope t`` (zero where none was asked for) plus the sinusoids, and what they leave."""
+    """A fitted model: ``slope t`` (zero where none was asked for) plus the sinusoids, and what they leave.
+
+    ``slope`` has shape (channels,), in the unit of y per second; ``residual`` is (n, channels), as y.
+    """
 
     model: Harmonic
     slope: Float

@@ -14,7 +14,10 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 _POWER_RISE = 4.0
-"""Least rise of a channel's power at an onset."""
+"""Least rise of a channel's power at an onset: what rises less was no rest before."""
+_SURE = 50.0
+"""Least gain in twice the log likelihood. Noise without an onset gains, at one row, a chi-squared variate of
+six degrees of freedom (mean and variance of three channels): 50 once in 2e8 rows, as long as rows count."""
 _FEWEST_SAMPLES = 8
 
 
@@ -96,7 +99,8 @@ def power_rise(x: Matrix, margin: int) -> PowerRise | None:
     Returns
     -------
     PowerRise or None
-        None where no channel gains a factor of four in power, or a side would have fewer than `margin` rows.
+        None where no channel gains a factor of four in power, where chance could make the likelihood as
+        large, or where a side would have fewer than `margin` rows.
     """
     n = x.shape[0]
     k = np.arange(margin, n - margin + 1)
@@ -112,8 +116,9 @@ def power_rise(x: Matrix, margin: int) -> PowerRise | None:
     cost = k * np.log(before).sum(axis=1) + (n - k) * np.log(after).sum(axis=1)
     best = int(np.argmin(cost))
     ratio = float(np.max(after[best] / before[best]))
+    gain = n * np.log(np.maximum(total, smallest)).sum() - cost[best]
     at_edge = best in (0, k.size - 1)
-    return None if ratio < _POWER_RISE or at_edge else PowerRise(int(k[best]), ratio)
+    return None if ratio < _POWER_RISE or gain < _SURE or at_edge else PowerRise(int(k[best]), ratio)
 
 
 def _variance(sums: Matrix, squares: Matrix, count: NDArray[np.intp], smallest: float) -> Matrix:

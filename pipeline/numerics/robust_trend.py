@@ -22,6 +22,7 @@ from pipeline.numerics.noise_model import (
     memory,
     ordinary_least_squares,
 )
+from pipeline.numerics.sampling import MAD_TO_SIGMA
 from pipeline.numerics.trend import Blocks, Trend, as_trend, average
 from pipeline.numerics.vibration import harmonic_design
 
@@ -42,8 +43,6 @@ _FEWEST_INDEPENDENT = 20
 _MOST_PASSES = 50
 _UPPER_QUARTILE = 1.1503
 """What a quarter of Gaussian deviations exceed, in standard deviations."""
-_GAUSSIAN = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 def robust(t: Vector, y: Vector, frequency: float | None, harmonics: int, block: int) -> Trend:
@@ -88,7 +87,7 @@ def huber(design: Matrix, y: Vector) -> Vector:
         change = float(np.max(np.abs(design @ (updated - coefficients))))
         coefficients = updated
         residual = np.abs(y - design @ coefficients)
-        scale = _GAUSSIAN * float(np.median(residual))
+        scale = MAD_TO_SIGMA * float(np.median(residual))
         if change <= 1e-3 * scale or scale == 0:
             break
         weights = np.minimum(1.0, _HUBER * scale / np.maximum(residual, scale * 1e-9))
@@ -100,7 +99,7 @@ def winsorised(y: Vector) -> Vector:
     design = harmonic_design(np.linspace(0.0, 1.0, y.size), None, 0)
     line: Vector = design @ huber(design, y)
     residual = y - line
-    bound = _OUTLYING * _GAUSSIAN * float(np.median(np.abs(residual)))
+    bound = _OUTLYING * MAD_TO_SIGMA * float(np.median(np.abs(residual)))
     return line + np.clip(residual, -bound, bound)
 
 
@@ -164,7 +163,7 @@ def _scale(scores: Vector, fit: Fit) -> float:
     correlated = 1.0 / memory(fit)
     if scored.size < _FEWEST_INDEPENDENT * correlated:
         return 1.0
-    return min(1.0, _GAUSSIAN * float(np.median(scored)))
+    return min(1.0, MAD_TO_SIGMA * float(np.median(scored)))
 
 
 def _larger_neighbour(x: Vector) -> Vector:

@@ -20,6 +20,12 @@ Bool = NDArray[np.bool_]
 MAD_TO_SIGMA = 1.482602218505602
 """Standard deviation of a normal variate over its median absolute deviation: 1 / Phi^-1(3/4)."""
 
+_MEAN_TO_SIGMA = 1.2533141373155001
+"""Standard deviation of a normal variate over its mean absolute deviation: sqrt(pi / 2)."""
+
+_GAP = 1.8
+"""Median intervals from which on one is taken for a gap with a lost sample, not for jitter."""
+
 _BLOCKS = 64
 """Blocks that the comparison of clocks averages over: 62 degrees of freedom for its standard error."""
 
@@ -56,7 +62,9 @@ class Intervals:
         The interval that a regular recording would have [s]: the median; in a recording by batches, the
         mean without the longest hundredth (see `batched`).
     jitter : float
-        1.4826 times the median absolute deviation of the intervals from their median [s].
+        Robust standard deviation of the intervals about their median [s]: the larger of 1.4826 times their
+        median and 1.2533 times their mean absolute deviation, the latter without gaps. The median alone is 0
+        where more than half of the intervals are alike, however the others alternate.
     batched : bool
         The median is less than half of that mean: most samples follow the one before at once, in batches.
     """
@@ -81,7 +89,9 @@ def intervals(time: Int) -> Intervals:
     usual = np.partition(steps, (99 * (len(steps) - 1)) // 100)[: (99 * (len(steps) - 1)) // 100 + 1]
     mean = float(usual.mean())
     batched = median < 0.5 * mean
-    jitter = MAD_TO_SIGMA * float(np.median(np.abs(steps - median)))
+    deviation = np.abs(steps - median)
+    whole = deviation[steps < _GAP * median]
+    jitter = max(MAD_TO_SIGMA * float(np.median(deviation)), _MEAN_TO_SIGMA * float(whole.mean()))
     return Intervals(mean if batched else median, jitter, batched)
 
 
@@ -121,8 +131,6 @@ class ClockComparison:
         Slope of the difference [s/s]; nan where the record is too short to tell.
     jump : float
         The largest change of the difference from one sample to the next [s], with its sign.
-    jump_at : int
-        Index of the sample after that change.
     batch : float
         Mean number of samples that this clock stamps at once; 1 where each has its own stamp.
     """
@@ -131,7 +139,6 @@ class ClockComparison:
     drift: float
     drift_standard_error: float
     jump: float
-    jump_at: int
     batch: float
 
 
@@ -151,14 +158,12 @@ def compare_clocks(clock: Int, other: Int) -> ClockComparison:
     difference = (clock - other - (clock[0] - other[0])) * 1e-9
     base = float(clock[0] - other[0]) * 1e-9
     steps = np.diff(difference)
-    jump_at = int(np.argmax(np.abs(steps)))
     drift, error = _drift((other - other[0]) * 1e-9, difference)
     return ClockComparison(
         offset=base + float(np.median(difference)),
         drift=drift,
         drift_standard_error=error,
-        jump=float(steps[jump_at]),
-        jump_at=jump_at + 1,
+        jump=float(steps[np.argmax(np.abs(steps))]),
         batch=_batch(clock, other),
     )
 

@@ -1,4 +1,4 @@
-"""Integer time: which samples advance, where a record is split, and the uniform grid of a segment."""
+"""Integer time: which samples advance, and the uniform grid of a segment."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The linear trend ``a t + b`` of a vibrating angle, by three methods, each with standard errors.
 
-Source: Godorov & Lutmanov, *Problems of Mechanics and Control* 48 (2016), (4.1)-(4.3), for `extremes`;
-`harmonic` is the least-squares trend weighted by the residual's own noise (`noise_model`).
+Source: Godorov & Lutmanov, *Problems of Mechanics and Control* 48 (2016), (4.1)-(4.3), for
+`trend_by_extremes`; `harmonic` is the least-squares trend weighted by the residual's own noise
+(`noise_model`).
 
 An integrated rate has two kinds of noise: a random walk from the rate's noise, and white noise of the
 angle. Their levels come from the record itself. The noise is taken to begin with the record, where the
@@ -40,6 +41,7 @@ class Trend:
     a, b : float
         Slope, rad/s, and value at t = 0, rad.
     a_standard_error, b_standard_error : float
+        Of a, rad/s, and of b, rad.
     white_angle_noise : float
         Standard deviation of the white noise of one row, rad.
     angle_random_walk : float
@@ -81,10 +83,10 @@ class Blocks:
     ----------
     design : (m, p) array
         The averaged columns that are worth estimating; 1 and t first.
-    residual : (m, ) array
-        The averaged residual of the ordinary solution.
+    residual : (m,) array
+        The averaged residual of the ordinary solution, rad.
     ordinary : (2,) array
-        Ordinary estimates of b and a.
+        Ordinary estimates of b, rad, and a, rad/s.
     observed : (m,) bool array
         False where a block has no row left, and in the first and the last.
     length : float
@@ -246,7 +248,7 @@ def average(
     """
     m = y.size // rows
     if m < FEWEST_BLOCKS:
-        raise TooFewRowsError(f"{m} blocks of {rows} rows are too few for a trend and its noise")
+        raise TooFewRowsError(f"too few block means for a trend and its noise: {m}")
     weights = keep[: m * rows].reshape(m, rows).astype(np.float64)
     count = weights.sum(axis=1)
     observed = count > 0
@@ -258,9 +260,7 @@ def average(
     worth[:2] = True
     columns = _independent(averaged, observed, np.flatnonzero(worth))
     if np.count_nonzero(observed) < max(FEWEST_BLOCKS, columns.size + 3):
-        raise TooFewRowsError(
-            f"{np.count_nonzero(observed)} block means are too few for a trend and its noise"
-        )
+        raise TooFewRowsError(f"too few block means for a trend and its noise: {np.count_nonzero(observed)}")
     return Blocks(averaged[:, columns], residual, coefficients[:2], observed, rows * step, rows)
 
 

@@ -8,7 +8,6 @@ truth ``run.truth.json``: the settings, the seed, and where each fault was put.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import formats
+from pipeline.errors import writing
 from pipeline.models.coning import ConingMotion, Motion, SmoothConing
 from pipeline.numerics.rotation import (
     euler_krylov_from_quaternion,
@@ -45,8 +45,8 @@ from pipeline.simulate.streams import AngleUnit, Recorded, RecordedStream, as_co
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 
-FORMATS: Mapping[str, str] = {"mcap": ".mcap", "rosbag1": ".bag", "db3": "", "csv": ".csv"}
-"""The formats in which a simulation can be written, with the end of the recording's name."""
+SUFFIXES = (".mcap", ".bag", "", ".csv")
+"""How the name of a simulated recording may end: MCAP, ROS 1 bag, ROS 2 bag with db3 storage, text."""
 
 START = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z in nanoseconds of Unix time."""
@@ -104,6 +104,8 @@ class ConingSettings:
     def __post_init__(self) -> None:
         for name in ("rate", "reference_rate", "duration"):
             require(self, name, above=True)
+        for name in ("first_time", "onset", "smooth_slope", "smooth_offset"):
+            require(self, name, least=-np.inf)
         require(self, "reference_noise")
         check_errors(self.gyro)
         check_errors(self.timing)
@@ -179,7 +181,6 @@ class SimulatedConing:
     def write(
         self,
         path: Path,
-        format: str | None = None,  # noqa: A002
         *,
         processing: Processing | None = None,
         angle_unit: AngleUnit = "rad",
@@ -189,9 +190,8 @@ class SimulatedConing:
         Parameters
         ----------
         path : Path
-            The recording: a file, or for db3 a folder that is not there yet.
-        format : str, optional
-            One of `FORMATS`; without it the name's end tells.
+            The recording, in the format that the name's end asks for, see `SUFFIXES`: a file, or for db3 a
+            folder that is not there yet.
         processing : Processing, optional
             Title, settings of the stages and limits for the test plan; by default as in the paper, on a grid
             as fine as the reference, without limits.
@@ -205,27 +205,27 @@ class SimulatedConing:
         Raises
         ------
         SimulationError
-            If the name does not end as the format asks for.
+            If the name ends otherwise.
         pipeline.formats.base.RecordingError
             If it cannot be written.
         """
-        if format is not None and FORMATS.get(format) != path.suffix:
-            ends = ", ".join(f"{name}: {end or 'no suffix'}" for name, end in FORMATS.items())
+        if path.suffix not in SUFFIXES:
             raise SimulationError(
                 str(path),
-                expected=f"a name that ends as its format asks ({ends})",
-                found=f"{path.suffix!r} for {format}",
-                remedy="rename the recording, or leave the format out",
+                expected="a name that ends in .mcap, .bag or .csv, or has no suffix (a ROS 2 bag, db3)",
+                found=repr(path.suffix),
+                remedy="rename the recording",
             )
-        streams = self.streams(text=path.suffix not in (".mcap", ".bag", ""), angle_unit=angle_unit)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        formats.write(path, [stream.series for stream in streams])
+        streams = self.streams(text=path.suffix == ".csv", angle_unit=angle_unit)
         plan, truth = path.with_suffix(".toml"), path.with_suffix(".truth.json")
         if processing is None:
             finer = max(1, round(self.settings.reference_rate / self.settings.rate))
             processing = Processing(stages=paper_stages(finer))
-        plan.write_text(plan_text(streams, processing), encoding="utf-8")
-        truth.write_text(json.dumps(self.truth, indent=2) + "\n", encoding="utf-8")
+        with writing(path, SimulationError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            formats.write(path, [stream.series for stream in streams])
+            plan.write_text(plan_text(streams, processing), encoding="utf-8")
+            truth.write_text(json.dumps(self.truth, indent=2) + "\n", encoding="utf-8")
         return path, plan, truth
 
 

@@ -22,6 +22,8 @@ Span = tuple[float, float]
 
 _EFFECTS = ("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise")
 _MOST_JITTER = 0.45  # of a sample interval: the samples stay in their order
+_LONGEST = 1e9
+"""Most of any time [s], some thirty years: its nanoseconds, and their sum with a date, fit into 64 bits."""
 
 
 class SimulationError(GyrostandError):
@@ -101,23 +103,47 @@ def generator(seed: int, effect: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64([seed, _EFFECTS.index(effect)]))
 
 
-def require(settings: object, name: str, *, least: float = 0.0, above: bool = False) -> None:
-    """Raise a `SimulationError` if a number of the settings is below its least value, or not above it."""
+def require(
+    settings: object, name: str, *, least: float = 0.0, most: float = np.inf, above: bool = False
+) -> None:
+    """Raise a `SimulationError` if a number of the settings, or one of several, is out of its range.
+
+    Parameters
+    ----------
+    settings : object
+        What holds the number.
+    name : str
+        Its name: a number or an array of them, or None, which is in any range.
+    least, most : float, optional
+        The range; NaN and infinities are never in it.
+    above : bool, optional
+        Whether the least value itself is out of it.
+    """
     value = getattr(settings, name)
-    if not (value > least if above else value >= least) or not np.isfinite(value):
-        raise SimulationError(
-            f"simulation setting {name}",
-            expected=f"{'more than' if above else 'at least'} {least:g}",
-            found=f"{value:g}",
-            remedy="choose another value",
-        )
+    for one in () if value is None else np.ravel(value):
+        if not (np.isfinite(one) and (one > least if above else one >= least) and one <= most):
+            low = [f"{'more than' if above else 'at least'} {least:g}"] if least > -np.inf else []
+            high = [f"at most {most:g}"] if most < np.inf else []
+            raise SimulationError(
+                f"simulation setting {name}",
+                expected=" and ".join(low + high) or "a finite number",
+                found=f"{one:g}",
+                remedy="choose another value",
+            )
 
 
 def check_errors(errors: GyroErrors | TimingErrors) -> None:
-    """Raise a `SimulationError` if a single number is negative; only a clock offset may be."""
-    for one in fields(errors):
-        if one.name != "clock_offset" and isinstance(getattr(errors, one.name), float):
-            require(errors, one.name)
+    """Raise a `SimulationError` if a value cannot be; bias, mounting and clock offset may be negative."""
+    if isinstance(errors, GyroErrors):
+        for name in ("white_noise", "white_angle_noise", "quantum"):
+            require(errors, name)
+        for name in ("bias", "mounting"):
+            require(errors, name, least=-np.inf)
+    else:
+        require(errors, "clock_offset", least=-_LONGEST, most=_LONGEST)
+        for one in fields(errors):
+            if one.name != "clock_offset":
+                require(errors, one.name, most=_LONGEST)
 
 
 def nanoseconds(seconds: Float) -> Time:

@@ -14,7 +14,7 @@ Value = str | int | float | bool
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One limit of a test plan, with the reason for it."""
+    """One limit of a test plan, with the reason for it; the values are in the figure's unit."""
 
     metric: str
     channel: str

@@ -10,15 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.numerics.sampling import Runs
-from pipeline.stages.base import Severity, finding, metric
+from pipeline.stages.base import Severity, counted, finding, metric
 
 Int = NDArray[np.int64]
 Row = dict[str, Any]
-
-
-def samples(count: int) -> str:
-    """A count of samples in words."""
-    return f"{count} sample" if count == 1 else f"{count} samples"
 
 
 @dataclass(slots=True)
@@ -115,7 +110,8 @@ class StreamReport:
         self.findings.append(
             finding(
                 "audit", self.stream, kind, severity,
-                f"{len(rest)} more, {samples(total)} together, none with more than {counts[rest].max()}",
+                f"{len(rest)} more, {counted(total, 'sample')} together, none with more than "
+                f"{counts[rest].max()}",
                 channel=channel, start=int(ends.min()), end=int(ends.max()), count=total,
             )
         )  # fmt: skip

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from pipeline.formats.base import CLOCKS
 from pipeline.numerics.sampling import (
     ClockComparison,
     Gaps,
@@ -17,10 +18,8 @@ from pipeline.numerics.sampling import (
     runs,
 )
 from pipeline.numerics.time_grid import advancing
-from pipeline.stages._audit_rows import StreamReport, samples
-
-CLOCKS = ("header_stamp", "log_time", "publish_time")
-"""The columns of a stream table that hold clocks of the message."""
+from pipeline.stages._audit_rows import StreamReport
+from pipeline.stages.base import counted
 
 _DECIDED = 3.0
 """Standard errors that a drift must be away from zero to be called one."""
@@ -39,6 +38,8 @@ def audit_stamps(report: StreamReport, gap_factor: float, max_jitter: float) -> 
         _mark_stamps(report, kind, runs(mask), what)
         report.figure(kind.replace(" ", "_") + "_count", int(mask.sum()))
     if np.count_nonzero(advance.kept) < 2:
+        if len(report.time) > 1:
+            report.say("no time", "error", "the stamps do not advance: choose another clock")
         return None
     regular = intervals(report.time)
     report.figure("sample_rate", 1 / regular.nominal, "Hz")
@@ -62,7 +63,7 @@ def audit_stamps(report: StreamReport, gap_factor: float, max_jitter: float) -> 
 
 
 def _mark_stamps(report: StreamReport, kind: str, found: Runs, what: str) -> None:
-    report.mark(kind, "warning", found, lambda i: f"{samples(found.length[i])} {what}")
+    report.mark(kind, "warning", found, lambda i: f"{counted(found.length[i], 'sample')} {what}")
 
 
 def _mark_gaps(report: StreamReport, found: Gaps, nominal: float) -> None:
@@ -72,7 +73,7 @@ def _mark_gaps(report: StreamReport, found: Gaps, nominal: float) -> None:
         Runs(found.before, found.after + 1),
         lambda i: (
             f"{found.length[i]:.6g} s without a sample, where {nominal:.6g} s is usual: about "
-            f"{samples(found.lost[i])} lost"
+            f"{counted(found.lost[i], 'sample')} lost"
         ),
         count=found.lost,
     )

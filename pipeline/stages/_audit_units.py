@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.numerics.alignment import covered, gain
 from pipeline.numerics.sampling import Intervals
-from pipeline.stages._audit_rows import StreamReport, samples
+from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._streams import Pair, pair
-from pipeline.stages.base import Tables
+from pipeline.stages.base import Tables, counted
 
 Float = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def audit_units(
         report.say(
             "implausible unit",
             "warning",
-            f"{fast} of {samples(len(size))} above {max_plausible_rate:g} rad/s, median "
+            f"{fast} of {counted(len(size), 'sample')} above {max_plausible_rate:g} rad/s, median "
             f"{np.median(size):.4g} rad/s: degrees where radians are stated?",
             count=fast,
         )

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.numerics.sample_faults import clipped_runs, frozen_runs, spikes, usual_hold
 from pipeline.numerics.sampling import Intervals, Runs, runs
-from pipeline.stages._audit_rows import StreamReport, samples
+from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_units import Comparison
+from pipeline.stages.base import counted
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -55,9 +56,14 @@ def audit_values(
     clipped, spiking = {}, {}
     for name, values in channels.items():
         index = np.flatnonzero(finite[name])
-        # A reference's angles jump by whole turns at ±pi, which is no spike.
-        sound = values[index] if report.stream != "reference" else np.unwrap(values[index])
-        clipped[name] = _mark_clipped(report, name, index, sound, thresholds.clipped_samples)
+        # A reference's angles jump by whole turns at ±pi, which is no spike; and an attitude has no rail.
+        attitude = report.stream == "reference"
+        sound = np.unwrap(values[index]) if attitude else values[index]
+        clipped[name] = (
+            np.zeros(len(values), dtype=np.bool_)
+            if attitude
+            else _mark_clipped(report, name, index, sound, thresholds.clipped_samples)
+        )
         spiking[name] = _mark_spikes(report, name, index, sound, thresholds.spike_factor)
     frozen = _mark_frozen(report, channels, finite, clipped, thresholds.frozen_samples, comparison)
     for kind, masks in (("clipped", clipped), ("spike", spiking), ("frozen", frozen)):
@@ -92,7 +98,7 @@ def _mark_nan(report: StreamReport, found: Runs, channel: str | None) -> None:
         "NaN",
         "warning",
         found,
-        lambda i: f"{samples(found.length[i])} without a finite value of {which}",
+        lambda i: f"{counted(found.length[i], 'sample')} without a finite value of {which}",
         channel=channel,
     )
 
@@ -176,7 +182,7 @@ def _mark_hold(report: StreamReport, kind: str, found: Runs, channel: str | None
         kind,
         "info" if kind == "steady" else "warning",
         found,
-        lambda i: f"{which} for {samples(found.length[i])}, bit for bit, {why}",
+        lambda i: f"{which} for {counted(found.length[i], 'sample')}, bit for bit, {why}",
         channel=channel,
     )
 
@@ -207,7 +213,7 @@ def _mark_clipped(report: StreamReport, channel: str, index: Int, values: Float,
         "clipped",
         "warning",
         marked,
-        lambda i: f"{samples(found.length[i])} at {at[i]:.6g}, where the record is cut off",
+        lambda i: f"{counted(found.length[i], 'sample')} at {at[i]:.6g}, where the record is cut off",
         channel=channel,
         count=found.length,
     )

@@ -14,13 +14,13 @@ from pipeline.numerics.alignment import Cumulative, Increments, integrals_of_rat
 from pipeline.numerics.rotation import quaternion_from_euler_krylov
 from pipeline.numerics.sampling import Intervals, intervals
 from pipeline.numerics.time_grid import advancing
-from pipeline.stages.base import Tables
+from pipeline.stages.base import ANGLES, Tables
 
 CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "gyro": ("p", "q", "r"),
         "gyro_increments": ("increment_p", "increment_q", "increment_r"),
-        "reference": ("psi", "theta", "gamma"),
+        "reference": ANGLES,
     }
 )
 """The channels of each stream table."""

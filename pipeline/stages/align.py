@@ -164,22 +164,26 @@ def _search(records: Pair, settings: Settings, findings: list[dict[str, Any]]) -
             "enlarge max_offset in [align]",
         )
     if len(near.crests(_RIVAL)) > 1:
+        alone = ", or ask for clock_offset alone: a cone that is turned looks delayed"
         raise _refusal(
             "one clock offset",
-            f"several that fit as well within max_offset = {settings.max_offset:g} s: the motion repeats "
-            f"itself after about {_nearest(near, best):.3g} s",
-            "state max_offset below half of that in [align], if the clocks are known so well",
+            f"several that fit as well within max_offset = {settings.max_offset:g} s: {_repeats(near, best)}",
+            "state max_offset below half of that in [align], if the clocks are known so well"
+            + (alone if settings.mounting_rotation else ""),
         )
-    others = _nearest(wide, best)
-    if np.isfinite(others):
+    if np.isfinite(_nearest(wide, best)):
         findings.append(
             finding(
                 "align", records.stream, "ambiguous clock offset", "warning",
-                f"the motion repeats itself after about {others:.3g} s: an offset different by so much fits "
-                f"as well, and max_offset = {settings.max_offset:g} s decided",
+                f"{_repeats(wide, best)}: an offset different by so much fits as well, and max_offset = "
+                f"{settings.max_offset:g} s decided",
             )
         )  # fmt: skip
     return best
+
+
+def _repeats(found: Correlation, best: float) -> str:
+    return f"the motion repeats itself after about {_nearest(found, best):.3g} s"
 
 
 def _nearest(found: Correlation, best: float) -> float:
@@ -274,7 +278,7 @@ def _estimates(found: Fit, settings: Settings) -> list[dict[str, Any]]:
         angles, errors = found.rotation_vector, found.rotation_vector_errors
         every += [(f"mounting_{i + 1}", float(angles[i]), float(errors[i]), "rad") for i in range(3)]
     return [
-        {"quantity": quantity, "value": value, "standard_error": error, "unit": unit, "applied": True}
+        {"quantity": quantity, "value": value, "standard_error": error, "unit": unit}
         for quantity, value, error, unit in every
     ]
 

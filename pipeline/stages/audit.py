@@ -24,13 +24,13 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
-from pipeline.stages._audit_rows import StreamReport, samples
+from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_values
 from pipeline.stages._streams import CHANNELS, channels
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import Severity, Stand, Tables, rows
+from pipeline.stages.base import Severity, Stand, Tables, counted, rows
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")
@@ -106,7 +106,7 @@ def _marked(table: pa.Table, stream: str, settings: Settings, comparison: Compar
     report.figure("sample_count", table.num_rows)
     if table.num_rows < settings.min_samples:
         severity: Severity = "error" if table.num_rows < 2 else "warning"
-        report.say("too few samples", severity, f"{samples(table.num_rows)} in the record")
+        report.say("too few samples", severity, f"{counted(table.num_rows, 'sample')} in the record")
     if not table.num_rows:
         return report
     regular = audit_stamps(report, settings.gap_factor, settings.max_jitter)

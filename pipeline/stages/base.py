@@ -16,7 +16,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +27,10 @@ from pipeline.errors import ExitCode, GyrostandError
 
 Tables = Mapping[str, pa.Table]
 Severity = Literal["info", "warning", "error"]
+Angle = Literal["psi", "theta", "gamma"]
+
+ANGLES: tuple[Angle, ...] = get_args(Angle)
+"""The Euler-Krylov angles, in the order of the attitude's columns."""
 
 ACCUMULATING = ("findings", "metrics")
 """The tables to which every stage may add rows (rule 5)."""
@@ -67,6 +71,11 @@ class Stage(Protocol):
     def run(self, tables: Tables, settings: Any, stand: Stand) -> dict[str, pa.Table]:
         """Turn the consumed tables into the produced ones."""
         ...
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 sample``, ``20 samples``: a count in the words of a finding."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def finding(

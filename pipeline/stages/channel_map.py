@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from pipeline import units
 from pipeline.formats.base import CLOCKS, TextLayout
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages.base import ANGLES
 from pipeline.stages.base import Settings as _Settings
 
 StreamName = Literal["gyro", "reference"]
@@ -22,7 +23,7 @@ Quantity = Literal["angular_rate", "angle_increment", "euler_krylov", "quaternio
 
 CHANNELS: dict[StreamName, dict[Quantity, tuple[str, ...]]] = {
     "gyro": {"angular_rate": ("p", "q", "r"), "angle_increment": ("p", "q", "r")},
-    "reference": {"euler_krylov": ("psi", "theta", "gamma"), "quaternion": ("w", "x", "y", "z")},
+    "reference": {"euler_krylov": ANGLES, "quaternion": ("w", "x", "y", "z")},
 }
 """The channels that each stream needs, by the kind of quantity it records."""
 

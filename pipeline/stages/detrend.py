@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pipeline import contracts
+from pipeline.errors import ExitCode
 from pipeline.numerics.onset import find_onset
 from pipeline.numerics.robust_trend import robust, winsorised
 from pipeline.numerics.smooth_motion import SmoothMotion, fit_smooth_motion
@@ -33,16 +34,13 @@ from pipeline.numerics.trend import (
     trend_by_extremes,
 )
 from pipeline.numerics.vibration import fundamental
+from pipeline.stages.base import ANGLES, Angle, StageError, Stand, Tables, counted, finding, rows
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import StageError, Stand, Tables, finding, rows
 
 CONSUMES = ("attitude",)
 MAY_CONSUME = ("gyro", "gyro_increments")
 PRODUCES = ("trend", "attitude_corrected", "findings")
 
-ANGLES = ("psi", "theta", "gamma")
-
-Angle = Literal["psi", "theta", "gamma"]
 Vector = NDArray[np.float64]
 Time = NDArray[np.int64]
 Row = dict[str, Any]
@@ -71,7 +69,7 @@ class Settings(_Settings):
         None, gt=0, description="fundamental of the angle's vibration, Hz; left out, it is found"
     )
     harmonics: int = Field(1, ge=1, le=10, description="harmonics of the vibration that are fitted, 1")
-    minimum_separation: float = Field(
+    min_separation: float = Field(
         0.1,
         gt=0,
         lt=1,
@@ -165,7 +163,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         other, if the stated frequency cannot be seen in the record, or if every segment is too short.
     """
     attitude = tables["attitude"]
-    angles = {name: attitude[name].to_numpy().astype(np.float64, copy=True) for name in ANGLES}
+    angles: dict[str, Vector] = {
+        name: attitude[name].to_numpy().astype(np.float64, copy=True) for name in ANGLES
+    }
     trends: list[Row] = []
     findings: list[Row] = []
     if settings.method != "none":
@@ -188,7 +188,7 @@ def _record(tables: Tables, angles: dict[str, Vector], settings: Settings, findi
         raise StageError(
             "stage detrend, table attitude",
             expected="an attitude to find a trend in",
-            found=f"{time.size} rows",
+            found=counted(time.size, "row"),
             remedy="see the findings of the stages before",
         )
     record = _Record(time, attitude["segment"].to_numpy(), _sample_interval(tables, time), None)
@@ -205,6 +205,7 @@ def _record(tables: Tables, angles: dict[str, Vector], settings: Settings, findi
             expected=f"seconds from the record's start, between 0 and {(time[-1] - time[0]) * _NS:g}",
             found=f"{settings.onset}",
             remedy="state when the vibration begins, or onset = 'none' if it lasts through the record",
+            exit_code=ExitCode.USAGE,
         )
     return _Record(record.time, record.segment, record.interval, onset)
 
@@ -242,7 +243,7 @@ def _detrend(task: _Task, angle: Vector) -> list[Row]:
         raise StageError(
             f"stage detrend, channel {task.channel}",
             expected="a segment that is long enough for a trend",
-            found=f"{len(record.pieces)} segments, none with one ({reason})",
+            found=f"{counted(len(record.pieces), 'segment')}, none with one ({reason})",
             remedy="record longer, raise interpolate.max_gap, or state detrend.method = 'none'",
         )
     return trends
@@ -261,7 +262,7 @@ def _smooth_motion(task: _Task, piece: slice, angle: Vector) -> SmoothMotion | N
     raise StageError(
         f"stage detrend, {task.where(piece)}",
         expected="smooth motion before the onset of the vibration, in the same segment",
-        found=f"{found} rows before it",
+        found=f"{counted(found, 'row')} before it",
         remedy="check detrend.onset; a gap just before the onset hides the smooth motion",
     )
 
@@ -273,7 +274,7 @@ def _correct(task: _Task, piece: slice, smooth: SmoothMotion | None, angle: Vect
     origin = start if record.onset is None else max(start, record.onset)
     part = slice(piece.start + int(np.searchsorted(record.time[piece], origin)), piece.stop)
     if part.stop - part.start < FEWEST_BLOCKS:
-        raise TooFewRowsError(f"{part.stop - part.start} rows are too few for a trend and its noise")
+        raise TooFewRowsError(f"too few rows for a trend and its noise: {part.stop - part.start}")
     remainder = angle[part].copy()
     if smooth is not None:
         remainder -= smooth(record.seconds(part, record.start))
@@ -312,22 +313,22 @@ def _trend(task: _Task, part: slice, t: Vector, y: Vector, frequency: float | No
     harmonics = _harmonics(task, part, frequency)
     if settings.method == "robust":
         trend = robust(t, y, frequency, harmonics, block)
-        for kind, count in {"outlying rows": trend.left_out, "jumps": trend.jumps}.items():
+        for kind, count in {"outlying row": trend.left_out, "jump": trend.jumps}.items():
             if count:
-                task.note(part, kind, f"the robust trend left out {count} {kind}", count)
+                task.note(part, kind, f"the robust trend left out {counted(count, kind)}", count)
         return trend
     weighted = harmonic(t, y, frequency, harmonics, block)
     if settings.method == "harmonic":
         return weighted
     extremes = find_extremes(t, y)
-    least = settings.minimum_separation * float(t[-1] - t[0])
+    least = settings.min_separation * float(t[-1] - t[0])
     if extremes.separation < least:
         raise StageError(
             f"stage detrend, {task.where(part)}",
             expected=f"the maxima of the record's two halves at least {least:g} s apart",
             found=f"{extremes.separation:g} s",
             remedy="use detrend.method = 'harmonic', which needs no extremes, or state a smaller "
-            "detrend.minimum_separation",
+            "detrend.min_separation",
         )
     return trend_by_extremes(extremes, weighted)
 
@@ -343,6 +344,7 @@ def _frequency(task: _Task, part: slice, y: Vector) -> float | None:
             expected=f"less than {0.5 / step:g} Hz, the Nyquist frequency of the attitude",
             found=f"{settings.frequency:g} Hz",
             remedy="state the vibration's frequency, or leave it out to have it found",
+            exit_code=ExitCode.USAGE,
         )
     return settings.frequency
 

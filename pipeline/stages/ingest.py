@@ -32,8 +32,8 @@ from pipeline.numerics.rotation import (
 )
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages._sample_time import numbers, refuse_idle_stamps, sample_times, valid
+from pipeline.stages.base import ANGLES, Severity, StageError, Stand, counted, finding, rows
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import Severity, StageError, Stand, finding, rows
 from pipeline.stages.channel_map import (
     CHANNELS,
     DIMENSIONS,
@@ -119,7 +119,7 @@ class _Samples:
     def say(
         self, kind: str, severity: Severity, detail: str, where: Mask, channel: str | None = None
     ) -> None:
-        """Add a finding about some of the samples, if there are any."""
+        """Add a finding about some of the samples, if there are any; ``detail`` follows their number."""
         time = self.time[where]
         if time.size:
             self.findings.append(
@@ -128,7 +128,7 @@ class _Samples:
                     self.name,
                     kind,
                     severity,
-                    f"{time.size} {detail}",
+                    f"{counted(time.size, 'sample')} {detail}",
                     channel=channel,
                     start=int(time.min()),
                     end=int(time.max()),
@@ -195,7 +195,7 @@ def _losses(losses: Sequence[Loss], settings: Settings) -> Iterator[dict[str, An
         about_stream = concerned[0] if len(concerned) == 1 else None
         logged = about_stream is not None and settings.clock(about_stream).clock == "log_time"
         about = f" of topic {loss.topic!r}" if loss.topic else ""
-        detail = f"{loss.count} {loss.unit}{about}: {loss.detail}"
+        detail = f"{counted(loss.count, loss.unit.removesuffix('s'))}{about}: {loss.detail}"
         if loss.start is not None and loss.end is not None and not logged:
             detail += f" (log time {loss.start} … {loss.end} ns)"
         yield finding(
@@ -247,11 +247,11 @@ def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, to
     samples = _Samples(name, stream, topic.filter(pa.array(kept)), time[kept], np.column_stack(values))
     refuse_idle_stamps(samples.time, samples.table, clock, where)
     for channel, there in present.items():
-        detail = f"samples have no value of {channels[channel].field!r}, which becomes NaN"
+        detail = f"without a value of {channels[channel].field!r}, which becomes NaN"
         samples.say("missing value", "warning", detail, ~there[kept], channel)
     untimed = int((is_sample & ~timed).sum())
     if untimed:
-        detail = f"{untimed} samples have no time by the clock of the test plan, and are left out"
+        detail = f"{counted(untimed, 'sample')} without a time by the clock of the test plan: left out"
         samples.findings.append(finding("ingest", name, "missing time", "error", detail, count=untimed))
     return samples
 
@@ -266,10 +266,10 @@ def _columns(samples: _Samples) -> tuple[str, Mapping[str, Float]]:
                 ("increment_p", "increment_q", "increment_r"), _in_body_axes(samples)
             )
         case "euler_krylov":
-            return "reference", _named(("psi", "theta", "gamma"), _euler_krylov(samples))
+            return "reference", _named(ANGLES, _euler_krylov(samples))
         case "quaternion":
             angles = euler_krylov_from_quaternion(_turned(_unit_quaternions(samples), samples.stream))
-            return "reference", _named(("psi", "theta", "gamma"), angles)
+            return "reference", _named(ANGLES, angles)
 
 
 def _in_body_axes(samples: _Samples) -> Float:
@@ -303,13 +303,10 @@ def _unit_quaternions(samples: _Samples) -> Float:
     off = usable & (np.abs(norm - 1) > UNIT_NORM)
     unit = np.where(usable[:, np.newaxis], samples.values / norm[:, np.newaxis], np.nan)
     if off.any():
-        detail = (
-            f"quaternions have norms of {norm[off].min():.6g} to {norm[off].max():.6g}; they are normalised"
-        )
+        detail = f"whose quaternion has a norm of {norm[off].min():.6g} to {norm[off].max():.6g}: normalised"
         samples.say("quaternion norm", "warning", detail, off)
-    samples.say(
-        "zero quaternion", "warning", "quaternions are zero, which is no attitude; they become NaN", norm == 0
-    )
+    detail = "whose quaternion is zero, which is no attitude: it becomes NaN"
+    samples.say("zero quaternion", "warning", detail, norm == 0)
     return unit
 
 

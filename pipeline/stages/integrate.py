@@ -33,9 +33,9 @@ from pipeline.numerics.rotation import (
     quaternion_from_euler_krylov,
     quaternion_multiply,
 )
-from pipeline.numerics.time_grid import advancing
+from pipeline.stages._streams import usable
+from pipeline.stages.base import ANGLES, Severity, StageError, Stand, Tables, counted, finding, rows
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import Severity, StageError, Stand, Tables, finding, rows
 
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
@@ -44,9 +44,6 @@ CONSUMES = ("rates",)
 MAY_CONSUME = ("reference",)
 PRODUCES = ("attitude", "findings")
 
-_ANGLES = ("psi", "theta", "gamma")
-_INFO: Severity = "info"
-_WARNING: Severity = "warning"
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 _REFERENCE_GAP = 3.5
@@ -54,6 +51,8 @@ _REFERENCE_GAP = 3.5
 the gyro is by default (`pipeline.stages.interpolate`)."""
 
 _DEGREE = 3
+"""Of the polynomial by which it is interpolated."""
+
 _NEAR_SINGULAR = np.deg2rad(89.9)
 """Beyond this |theta| an error of the attitude is 570 times as large in psi and gamma: said as a finding."""
 
@@ -138,7 +137,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         angles.append(solve(segment, anchor, settings))
         findings += _about_singularity(segment, angles[-1])
     joined = angles[0] if len(angles) == 1 else np.concatenate(angles)
-    columns = {name: joined[:, k] for k, name in enumerate(_ANGLES)}
+    columns: dict[str, Float] = {name: joined[:, k] for k, name in enumerate(ANGLES)}
     keys = {name: tables["rates"].column(name) for name in ("time", "segment")}
     return {
         "attitude": contracts.table("attitude", {**keys, **columns}),
@@ -162,13 +161,8 @@ def _segments(table: pa.Table) -> list[_Segment]:
 def _reference(tables: Tables) -> _Reference | None:
     if "reference" not in tables:
         return None
-    table = tables["reference"]
-    time = table.column("time").to_numpy()
-    angles = np.stack([table.column(name).to_numpy() for name in _ANGLES], axis=1)
-    finite = np.isfinite(angles).all(axis=1)
-    time, angles = time[finite], angles[finite]
-    kept = advancing(time).kept
-    return _Reference(time[kept], quaternion_from_euler_krylov(angles[kept]))
+    time, angles = usable(tables["reference"], "reference")
+    return _Reference(time, quaternion_from_euler_krylov(angles))
 
 
 def _anchor(segment: _Segment, reference: _Reference | None, settings: Settings) -> _Anchor:
@@ -221,7 +215,7 @@ def _by_angles(segment: _Segment, anchor: _Anchor, settings: Settings) -> Float:
     except SingularityError as error:
         time = int(segment.time[error.row])
         raise StageError(
-            f"integrate, {time / 1e9:.6f} s ({(time - int(segment.time[0])) / 1e9:.6f} s into segment "
+            f"stage integrate, {time / 1e9:.6f} s ({(time - int(segment.time[0])) / 1e9:.6f} s into segment "
             f"{segment.number})",
             expected=f"|theta| below {np.rad2deg(limit):g} degrees for method euler_krylov",
             found="a closer approach to its singularity at 90 degrees",
@@ -243,17 +237,18 @@ def _about_start(
 ) -> list[dict[str, Any]]:
     """What must be said of the segment's initial attitude; ``referred``: whether there is a reference."""
     start = int(segment.time[0])
+    severity: Severity = "info"
     if anchor.from_reference:
         if anchor.time == start:
             return []
-        kind, severity, late = "initial attitude", _INFO, (anchor.time - start) / 1e9
+        kind, late = "initial attitude", (anchor.time - start) / 1e9
         detail = f"no reference until {late:.6g} s into segment {segment.number}: tied to it there"
     else:
         if settings.initial == "angles" and segment.number == 0:
             return []
         # Without any reference a record in one piece is only told from where its angles count.
         alone = not referred and segment.number == 0
-        kind, severity = "relative attitude", _INFO if alone else _WARNING
+        kind, severity = "relative attitude", "info" if alone else "warning"
         why = "" if settings.initial == "angles" else "no reference to begin with; "
         detail = f"segment {segment.number}: {why}its attitude is relative to initial_angles at its own start"
     return [finding("integrate", "rates", kind, severity, detail, start=start, end=anchor.time)]
@@ -268,9 +263,10 @@ def _about_singularity(segment: _Segment, angles: Float) -> list[dict[str, Any]]
             "integrate",
             "attitude",
             "near singularity",
-            _WARNING,
-            f"|theta| exceeds {np.rad2deg(_NEAR_SINGULAR):.1f} degrees in {near.size} rows of segment "
-            f"{segment.number}: there psi and gamma are ill-determined, only their sum or difference is not",
+            "warning",
+            f"|theta| exceeds {np.rad2deg(_NEAR_SINGULAR):.1f} degrees in {counted(near.size, 'row')} of "
+            f"segment {segment.number}: there psi and gamma are ill-determined, only their sum or difference "
+            "is not",
             start=int(segment.time[near[0]]),
             end=int(segment.time[near[-1]]),
             count=int(near.size),

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -25,10 +25,10 @@ from pydantic import Field, model_validator
 from pipeline import contracts
 from pipeline.errors import ExitCode
 from pipeline.numerics.harmonic import HarmonicError
-from pipeline.numerics.interpolation import DEGREES, Method, fit, fit_from_angle
+from pipeline.numerics.interpolation import DEGREES, Method, MethodName, fit, fit_from_angle
 from pipeline.numerics.time_grid import advancing, uniform_grid
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import StageError, Stand, Tables, finding, rows
+from pipeline.stages.base import StageError, Stand, Tables, counted, finding, rows
 
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
@@ -47,9 +47,7 @@ samples are bridged, of increments none, since the angle they held is not known.
 class Settings(_Settings):
     """Which interpolant, on which grid."""
 
-    method: Literal["linear", "local_polynomial", "spline", "pchip", "akima", "harmonic"] = Field(
-        "local_polynomial", description="interpolant between the samples"
-    )
+    method: MethodName = Field("local_polynomial", description="interpolant between the samples")
     degree: int | None = Field(
         None,
         description="degree of local_polynomial (1 to 5), spline and harmonic (2, 3, 5, 7); default 3. "
@@ -76,8 +74,8 @@ class Settings(_Settings):
             return self
         known = DEGREES.get(self.method, ())
         if self.degree not in known:
-            choice = ", ".join(map(str, known)) if known else "no degree, leave it out"
-            raise ValueError(f"method {self.method} takes degree {choice}; found {self.degree}")
+            choice = f"degree {', '.join(map(str, known))}" if known else "no degree"
+            raise ValueError(f"method {self.method} takes {choice}; found {self.degree}")
         return self
 
     @property
@@ -143,7 +141,7 @@ def _usable(tables: Tables, findings: Findings) -> _Record:
     stream = next((name for name in MAY_CONSUME[::-1] if name in tables), None)
     if stream is None:
         raise StageError(
-            "interpolate",
+            "stage interpolate",
             expected="a stream 'gyro'",
             found="none",
             remedy="map one under [streams.gyro] of the test plan",
@@ -154,7 +152,7 @@ def _usable(tables: Tables, findings: Findings) -> _Record:
     time = table.column("time").to_numpy()
     values = np.stack([table.column(prefix + axis).to_numpy() for axis in "pqr"])
     finite = np.isfinite(values).all(axis=0)
-    _say_left_out(findings, stream, "NaN", "in which a channel is not finite", time[~finite])
+    _say_left_out(findings, stream, "NaN", "with a channel that is not finite", time[~finite])
     advance = advancing(time[finite])
     _say_left_out(
         findings, stream, "repeated stamp", "whose time repeats another's", time[finite][advance.repeated]
@@ -165,7 +163,7 @@ def _usable(tables: Tables, findings: Findings) -> _Record:
     index = np.flatnonzero(finite)[advance.kept]
     if index.size < 2:
         raise StageError(
-            f"stream {stream!r}",
+            f"stage interpolate, stream {stream!r}",
             expected="at least 2 finite samples of advancing time",
             found=f"{index.size} of {len(time)}",
             remedy="check the recording, and the stream's clock and channels in the test plan",
@@ -185,7 +183,7 @@ def _say_left_out(findings: Findings, stream: str, kind: str, which: str, time: 
                 stream,
                 kind,
                 "warning",
-                f"{time.size} samples {which} are left out",
+                f"{counted(time.size, 'sample')} {which}: left out",
                 start=int(time.min()),
                 end=int(time.max()),
                 count=int(time.size),
@@ -241,7 +239,7 @@ def _interpolated(piece: _Record, settings: Settings, interval: float) -> _Sampl
         grid = uniform_grid(start, end, steps)
     except ValueError as error:
         raise StageError(
-            "[interpolate] oversampling",
+            "test plan, key interpolate.oversampling",
             expected="grid steps of at least 1 ns",
             found=f"{interval / settings.oversampling:.3g} ns",
             remedy="lower it",
@@ -256,7 +254,7 @@ def _interpolated(piece: _Record, settings: Settings, interval: float) -> _Sampl
             rates, increments = fit(method, t, piece.values).sample(times)
     except HarmonicError as error:
         raise StageError(
-            f"interpolate, method harmonic, {start / 1e9:.6f} s to {end / 1e9:.6f} s",
+            f"stage interpolate, method harmonic, {start / 1e9:.6f} s to {end / 1e9:.6f} s",
             expected=error.expected,
             found=error.found,
             remedy=error.remedy,
@@ -266,7 +264,7 @@ def _interpolated(piece: _Record, settings: Settings, interval: float) -> _Sampl
 
 def _too_few(piece: _Record, settings: Settings) -> StageError:
     return StageError(
-        f"stream {piece.stream!r}",
+        f"stage interpolate, stream {piece.stream!r}",
         expected=f"a stretch of at least {settings.interpolant.samples_needed} samples without a gap for "
         f"method {settings.method}",
         found=f"{len(piece.time)}",
@@ -281,7 +279,8 @@ def _left_out(piece: _Record, error: StageError) -> dict[str, Any]:
         piece.stream,
         "segment left out",
         "warning",
-        f"a stretch of {len(piece.time)} samples is left out: expected {error.expected}, found {error.found}",
+        f"a stretch of {counted(len(piece.time), 'sample')} is left out: expected {error.expected}, found "
+        f"{error.found}",
         start=int(piece.time[0]),
         end=int(piece.time[-1]),
         count=len(piece.time),

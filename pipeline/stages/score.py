@@ -11,7 +11,7 @@ interpolated to them by its local cubic, within a segment only. Differences of a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,14 +23,24 @@ from pipeline.numerics.criterion import relative_rms_error
 from pipeline.numerics.local_polynomial import LocalPolynomial
 from pipeline.numerics.rotation import wrapped
 from pipeline.numerics.time_grid import advancing
+from pipeline.stages.base import (
+    ANGLES,
+    Angle,
+    Severity,
+    StageError,
+    Stand,
+    Tables,
+    counted,
+    finding,
+    metric,
+    rows,
+)
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import Severity, StageError, Stand, Tables, finding, metric, rows
 
 CONSUMES = ("attitude",)
 MAY_CONSUME = ("attitude_corrected", "reference", "trend")
 PRODUCES = ("metrics", "findings")
 
-Angle = Literal["psi", "theta", "gamma"]
 Vector = NDArray[np.float64]
 Time = NDArray[np.int64]
 Row = dict[str, Any]
@@ -44,7 +54,7 @@ class Settings(_Settings):
     """Which angles are scored."""
 
     channels: tuple[Angle, ...] = Field(
-        ("psi", "theta", "gamma"), min_length=1, description="angles to score: psi, theta, gamma"
+        ANGLES, min_length=1, description="angles to score: psi, theta, gamma"
     )
 
 
@@ -134,7 +144,7 @@ def _left_out(kind: str, severity: Severity, at: Time, of: int) -> list[Row]:
     """The finding on reference samples that do not count, if there are any."""
     if not at.size:
         return []
-    detail = f"{at.size} of {of} samples of the reference left out of the score: {kind}"
+    detail = f"{at.size} of {counted(of, 'sample')} of the reference left out of the score: {kind}"
     start, end = int(at.min()), int(at.max())
     return [finding("score", "reference", kind, severity, detail, start=start, end=end, count=at.size)]
 

@@ -10,12 +10,11 @@ a JSON object under the file metadata key ``gyrostand``, the same object under `
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from pipeline import errors
 from pipeline.contracts import Contract, contract
 from pipeline.errors import ExitCode, GyrostandError
 
@@ -39,8 +39,6 @@ takes 142."""
 
 _SAMPLE = 1 << 16
 """Rows looked at to tell whether a column's values repeat."""
-
-_MACHINE_FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENOMEM)
 
 
 class StorageError(GyrostandError):
@@ -167,21 +165,9 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> AbstractContextManager[None]:
     """Turn the operating system's refusal to write into a `StorageError`."""
-    try:
-        yield
-    except OSError as error:
-        machine = error.errno in _MACHINE_FAULTS
-        raise StorageError(
-            repr(str(path)),
-            expected="room to write" if machine else "a folder that can be written",
-            found=os.strerror(error.errno) if error.errno else str(error),
-            remedy="what was published before is untouched; "
-            + ("make room and run again" if machine else "name another output folder"),
-            exit_code=ExitCode.FAULT if machine else ExitCode.USAGE,
-        ) from error
+    return errors.writing(path, StorageError)
 
 
 def damaged(path: Path, expected: str, found: str) -> StorageError:

@@ -32,27 +32,11 @@ from pipeline.contracts import Contract, ContractError, contract
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.storage import parquet
 from pipeline.storage.contract_check import schema_violations, violations
-from pipeline.storage.naming import LONGEST, is_safe, recording_id
+from pipeline.storage.naming import LONGEST, is_safe
 from pipeline.storage.parquet import Published, StorageError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = [
-    "PART",
-    "PARTITION",
-    "PROVENANCE",
-    "Publication",
-    "Published",
-    "StorageError",
-    "load",
-    "publication",
-    "published",
-    "read",
-    "recording_id",
-    "recordings",
-    "table_file",
-]
 
 PROVENANCE = "provenance"
 PARTITION = "recording="

@@ -128,7 +128,7 @@ def unknown(key: Key, kind: str, known: Sequence[str]) -> Fault:
     near = get_close_matches(name, known, n=1)
     listed = ", ".join(known[:_LISTED]) + (", …" if len(known) > _LISTED else "")
     remedy = f"did you mean {near[0]!r}?" if near else "correct or remove it"
-    return Fault(key, f"{kind}: {listed}", f"{shown(name)}", remedy)
+    return Fault(key, f"{kind}: {listed}", shown(name), remedy)
 
 
 def shown(value: object) -> str:

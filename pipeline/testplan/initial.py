@@ -194,7 +194,8 @@ def _add_text_time(plan: _Plan, topic: Topic) -> None:
     times = [f for f in topic.fields if _TIME.search(_bare(f.path))]
     counters = [f for f in topic.fields if _COUNTER.search(f.path) and f not in times]
     if len(times) == 1:
-        plan.add("[time]", f"field = {quoted(times[0].path)}", _unit_line(times[0], "time"), "")
+        unit, remark = _unit(times[0], "time")
+        plan.add("[time]", f"field = {quoted(times[0].path)}", f"unit = {quoted(unit)}{remark}", "")
         plan.used.add((topic.name, times[0].path))
         return
     plan.add(f"[time]    # FILL IN: {'one of' if times else 'no column of the file looks like a time; give'}")
@@ -242,7 +243,7 @@ def _stream_lines(candidate: Candidate) -> Iterator[str]:
     of = DIMENSIONS[candidate.quantity]
     channels = CHANNELS[candidate.stream][candidate.quantity]
     for channel, one in zip(channels, candidate.fields, strict=True):
-        unit, remark = _unit(one, of, topic)
+        unit, remark = _unit(one, of, topic.message_type)
         yield f"channels.{channel} = {{ field = {quoted(one.path)}, unit = {quoted(unit)} }}{remark}"
 
 
@@ -256,7 +257,7 @@ def _add_blank_gyro(plan: _Plan, topics: Sequence[Topic]) -> None:
         plan.add(f'channels.{channel} = {{ field = "", unit = "" }}    # FILL IN')
 
 
-def _unit(one: Field, of: str, topic: Topic) -> tuple[str, str]:
+def _unit(one: Field, of: str, message_type: str = "") -> tuple[str, str]:
     """The unit that the file states, or a blank and what may be filled in."""
     if of == "pure number":
         return "1", ""
@@ -264,13 +265,8 @@ def _unit(one: Field, of: str, topic: Topic) -> tuple[str, str]:
         return units.canonical(one.unit), ""
     usual = {"angular rate": "rad/s or deg/s", "angle": "rad or deg", "time": "s, ms, us or ns"}[of]
     stated = f"; the file says {escaped(one.unit)!r}" if one.unit else ""
-    imu = "; the message is defined in rad/s" if topic.message_type.endswith("/Imu") else ""
+    imu = "; the message is defined in rad/s" if message_type.endswith("/Imu") else ""
     return "", f"    # FILL IN: {usual}{stated}{imu}"
-
-
-def _unit_line(one: Field, of: str) -> str:
-    unit, remark = _unit(one, of, Topic("", "", "", 0, (), {}))
-    return f"unit = {quoted(unit)}{remark}"
 
 
 def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:

@@ -20,7 +20,7 @@ def figures(
     by_format = {}
     for form, name in NAMES.items():
         folder = tmp_path_factory.mktemp(form)
-        made = gyrostand("simulate", "coning", folder / name, "--format", form, "--reference-rate", 20_000)
+        made = gyrostand("simulate", "coning", folder / name, "--reference-rate", 20_000)
         assert made.returncode == 0, made.stderr
         run = gyrostand("run", folder / name, "--out", folder / "out")
         assert run.returncode == 0, run.stderr + run.stdout

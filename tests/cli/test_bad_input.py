@@ -185,6 +185,20 @@ def test_a_damaged_recording_fails_only_when_strict(
     assert gyrostand("validate", csv_recording, "--strict").returncode == ExitCode.NOT_MET
 
 
+def test_validate_goes_on_behind_what_it_cannot_judge(
+    gyrostand: Command, csv_recording: Path, tmp_path: Path
+) -> None:
+    without_plan = tmp_path / "run0.csv"
+    without_plan.write_bytes(csv_recording.read_bytes())
+    result = gyrostand("validate", without_plan, csv_recording)
+    refused(result, ExitCode.USAGE, "run0.csv", "plan init")
+    assert result.stdout.startswith("run1: coning: pass")
+    (tmp_path / "broken.csv").touch()
+    both = gyrostand("validate", without_plan, tmp_path / "broken.csv", csv_recording)
+    assert both.returncode == ExitCode.INPUT  # the graver of the two
+    assert len(both.stderr.splitlines()) == 2
+
+
 def test_unknown_command_and_option(gyrostand: Command) -> None:
     assert gyrostand("rum").returncode == ExitCode.USAGE
     assert gyrostand("run", "--speed").returncode == ExitCode.USAGE

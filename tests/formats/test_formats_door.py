@@ -93,7 +93,7 @@ def test_writing_replaces_a_file_whole_or_not_at_all(tmp_path, series) -> None:
     [
         ("run.xyz", "cdr", "a name that ends"),
         ("run.bag", "json", "MCAP"),
-        ("nowhere/run.mcap", "cdr", "place to write"),
+        ("nowhere/run.mcap", "cdr", "a folder that can be written"),
         (".", "cdr", "a name that is free"),
     ],
 )
@@ -122,8 +122,9 @@ def test_disk_that_takes_no_more_leaves_nothing_behind(tmp_path, series, name) -
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))  # less than any of the files takes
     try:
-        with pytest.raises(RecordingError, match="place to write"):
+        with pytest.raises(RecordingError, match="room to write") as caught:
             formats.write(tmp_path / name, series[:1])
+        assert caught.value.exit_code == 4
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(tmp_path.iterdir()) == []

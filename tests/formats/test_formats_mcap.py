@@ -160,6 +160,15 @@ def test_wrong_request_is_the_plans_fault(tmp_path, request_, says) -> None:
     assert caught.value.exit_code == 2
 
 
+def test_one_time_field_in_two_units_is_the_plans_fault(tmp_path) -> None:
+    path = tmp_path / "a.mcap"
+    _json_file(path, [{"x": 1, "y": 2, "t": 3}])
+    requests = [Request("/t", (field,), (TimeField("t", unit),)) for field, unit in (("x", "s"), ("y", "ms"))]
+    with pytest.raises(RecordingError, match="one unit of time") as caught:
+        formats.read(path, requests)
+    assert caught.value.exit_code == 2
+
+
 def test_hostile_names_stay_as_they_are_and_errors_stay_one_line(tmp_path) -> None:
     path = tmp_path / "a.mcap"
     topic = "/a\n\x1b[31m<script>"

@@ -72,7 +72,7 @@ class TestClocks:
         clock[600:] += 40_000_000
         found = compare_clocks(clock, REGULAR)
         assert found.offset == pytest.approx(0.003, abs=1e-12)  # 600 of the 1000 samples
-        assert (found.jump, found.jump_at) == (pytest.approx(0.04, abs=1e-12), 600)
+        assert found.jump == pytest.approx(0.04, abs=1e-12)
         assert found.batch == 1.0
         batched = REGULAR // 25_000_000 * 25_000_000
         assert compare_clocks(batched, REGULAR).batch == 10.0

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.models.coning import ConingMotion
 from pipeline.numerics.onset import find_onset, power_rise
 from pipeline.numerics.vibration import fundamental, harmonic_design
 
@@ -87,3 +88,13 @@ def test_without_a_rise_there_is_no_onset(angles):
 
 def test_too_short_a_record_has_no_rise():
     assert power_rise(np.arange(12.0)[:, None], 8) is None
+
+
+@pytest.mark.parametrize("rows", [50, 400, 2000])
+def test_noise_has_no_onset(rows):
+    """Also where the angle that is sampled at its zeros is noise beside two that vibrate all along."""
+    motion = ConingMotion(np.deg2rad(1.0), 100.0).angles(np.arange(rows) / 400)
+    for seed in range(50):
+        wandering = 1e-3 / 400 * np.cumsum(np.random.default_rng(seed).standard_normal((rows, 3)), axis=0)
+        assert find_onset([wandering], 1 / 400, 1) is None
+        assert find_onset([motion + wandering], 1 / 400, 1) is None

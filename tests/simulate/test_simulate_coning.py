@@ -16,7 +16,7 @@ from pipeline.errors import ExitCode
 from pipeline.formats.base import Request, TimeField
 from pipeline.models.coning import ConingMotion, MotionError
 from pipeline.numerics.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
-from pipeline.simulate.coning import FORMATS, START, ConingSettings, simulate_coning
+from pipeline.simulate.coning import START, SUFFIXES, ConingSettings, simulate_coning
 from pipeline.simulate.imperfections import GyroErrors, SimulationError, TimingErrors
 from pipeline.simulate.plan import Limit, Processing
 from pipeline.simulate.samples import SAMPLES, write_samples
@@ -179,8 +179,18 @@ class TestRefused:
             {"duration": float("nan")},
             {"duration": 1e-3},
             {"reference_noise": -1.0},
+            {"first_time": float("inf")},
+            {"onset": float("nan")},
+            {"smooth_slope": float("nan")},
             {"gyro": GyroErrors(white_noise=-1e-3)},
+            {"gyro": GyroErrors(bias=(0.0, float("nan"), 0.0))},
+            {"gyro": GyroErrors(mounting=(float("inf"), 0.0, 0.0))},
             {"timing": TimingErrors(log_jitter=-1e-3)},
+            {"timing": TimingErrors(clock_offset=float("nan"))},
+            {"timing": TimingErrors(clock_offset=-1e12)},
+            {"timing": TimingErrors(gaps=((0.5, -0.1),))},
+            {"timing": TimingErrors(nan_bursts=((0.5, float("nan")),))},
+            {"timing": TimingErrors(backward_stamps=(float("nan"),))},
         ],
     )
     def test_setting_out_of_its_range(self, wrong: dict[str, Any]) -> None:
@@ -196,20 +206,21 @@ class TestRefused:
         with pytest.raises(SimulationError, match="where the record ends"):
             simulate_coning(replace(SHORT, timing=TimingErrors(backward_stamps=(3.0,))))
 
-    def test_name_that_is_not_of_the_format(self, tmp_path: Path) -> None:
-        with pytest.raises(SimulationError, match="ends as its format asks"):
-            simulate_coning(SHORT).write(tmp_path / "run.mcap", "rosbag1")
+    @pytest.mark.parametrize("name", ["run.xyz", "run.csv.gz", "run.db3"])
+    def test_name_of_no_format(self, tmp_path: Path, name: str) -> None:
+        with pytest.raises(SimulationError, match=r"a name that ends in \.mcap"):
+            simulate_coning(SHORT).write(tmp_path / name)
         assert list(tmp_path.iterdir()) == []
 
 
 class TestFiles:
-    @pytest.mark.parametrize("name", FORMATS)
+    @pytest.mark.parametrize("suffix", SUFFIXES)
     @pytest.mark.parametrize("output", ["angular_rate", "angle_increment"])
-    def test_recording_plan_and_truth(self, tmp_path: Path, name: str, output: str) -> None:
+    def test_recording_plan_and_truth(self, tmp_path: Path, suffix: str, output: str) -> None:
         timing = TimingErrors(backward_stamps=(0.07,), nan_bursts=((0.05, 0.0051),))
         settings = replace(SHORT, output=output, timing=timing)  # type: ignore[arg-type]
         simulated = simulate_coning(settings, 4)
-        recording, plan_path, truth_path = simulated.write(tmp_path / f"run{FORMATS[name]}", name)
+        recording, plan_path, truth_path = simulated.write(tmp_path / f"run{suffix}")
         truth = json.loads(truth_path.read_text())
         assert truth["seed"] == 4
         assert truth["settings"]["cone_angle"] == np.radians(1.0)
@@ -257,7 +268,7 @@ class TestFiles:
 class TestSamples:
     def test_same_bytes_twice_in_four_formats_below_5_megabytes(self, tmp_path: Path) -> None:
         first = write_samples(tmp_path / "a")
-        assert {path.suffix for path in first} == set(FORMATS.values())
+        assert {path.suffix for path in first} == set(SUFFIXES)
         write_samples(tmp_path / "b")
         assert files(tmp_path / "a") == files(tmp_path / "b")
         write_samples(tmp_path / "a")  # what is there is replaced

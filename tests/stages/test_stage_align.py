@@ -66,7 +66,6 @@ def test_offset_and_mounting_are_found_and_taken_out(stream: str) -> None:
     tables = recorded(stream=stream)
     out = aligned(tables, **BOTH)
     rows = {r["quantity"]: r for r in out["alignment"].to_pylist()}
-    assert all(r["applied"] for r in rows.values())
     truth = dict(
         zip(["clock_offset", "mounting_1", "mounting_2", "mounting_3"], [OFFSET, *MOUNTING], strict=True)
     )

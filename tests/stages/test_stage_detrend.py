@@ -118,7 +118,9 @@ def two_hundred_runs(coning):
 
 def test_spread_in_rate_noise(two_hundred_runs):
     harmonic, extremes = (np.std(two_hundred_runs[m][0]) for m in ("harmonic", "extremes"))
-    assert harmonic <= 0.70 * extremes  # what the project asks for
+    # What the project asks for. Over 1500 other seeds it is 0.71: the weighted trend is at the bound, and the
+    # two maxima of this falling angle lie half a record apart, which makes sqrt(2) of it.
+    assert harmonic <= 0.70 * extremes
     bound = 1e-3 / np.sqrt(RATE)  # sigma/sqrt(f_s T): the two ends of the random walk
     assert harmonic == pytest.approx(bound, rel=0.1)  # 200 runs know a spread to 5 %
 
@@ -178,8 +180,11 @@ def test_onset_that_is_not_there_is_refused(coning):
         detrended(coning, onset="auto")
     assert caught.value.exit_code == 1
     for outside in (-0.1, 0.0, 1.0, 7.0):
-        with pytest.raises(StageError, match=r"detrend\.onset: expected seconds .* between 0 and 1"):
+        with pytest.raises(
+            StageError, match=r"detrend\.onset: expected seconds .* between 0 and 1"
+        ) as caught:
             detrended(coning, onset=outside)
+        assert caught.value.exit_code == 2
 
 
 def test_onset_without_smooth_motion_before_it_is_refused(coning):
@@ -189,7 +194,7 @@ def test_onset_without_smooth_motion_before_it_is_refused(coning):
 
 def test_maxima_too_close_are_refused(coning):
     with pytest.raises(StageError, match=r"at least 0\.9 s apart, found 0\.5"):
-        detrended(coning, method="extremes", minimum_separation=0.9)
+        detrended(coning, method="extremes", min_separation=0.9)
 
 
 def test_each_segment_has_its_trend_and_a_short_one_stays():
@@ -257,7 +262,7 @@ def test_robust_says_what_it_left_out():
     tables |= interpolate.run(tables, interpolate.Settings(oversampling=10), STAND)
     tables |= integrate.run(tables, integrate.Settings(), STAND)
     result, [row] = detrended(tables, method="robust")
-    assert "jumps" in kinds(result)
+    assert "jump" in kinds(result)
     assert abs(row["a"] - SLOPE) < 4 * row["a_standard_error"] < 1e-3
 
 

@@ -232,7 +232,7 @@ class TestSettings:
         [
             ({"method": "local_polynomial", "degree": 6}, "takes degree 1, 2, 3, 4, 5; found 6"),
             ({"method": "spline", "degree": 4}, "takes degree 2, 3, 5, 7; found 4"),
-            ({"method": "pchip", "degree": 3}, "takes degree no degree, leave it out; found 3"),
+            ({"method": "pchip", "degree": 3}, "takes no degree; found 3"),
             ({"oversampling": 0}, "greater than or equal to 1"),
             ({"method": "cubic"}, "Input should be 'linear'"),
         ],
