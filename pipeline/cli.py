@@ -51,7 +51,11 @@ PlanOption = Annotated[
 ]
 OutOption = Annotated[Path, typer.Option("--out", help="Output folder.")]
 StrictOption = Annotated[
-    bool, typer.Option("--strict", help="Fail a recording of which any part could not be read.")
+    bool,
+    typer.Option(
+        "--strict",
+        help="Fail a recording with any finding of severity error, such as a part that could not be read.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -283,8 +287,8 @@ def _progress(name: str) -> Iterator[Progress | None]:
 
 def _headline(outcome: Outcome) -> str:
     state = outcome.verdict + (" (up to date)" if outcome.up_to_date else "")
-    lost = f"; {outcome.lost} losses" if outcome.lost else ""
-    return f"{outcome.recording_id}: {outcome.procedure}: {state}{lost}"
+    errors = f"; {outcome.errors} of the findings are errors" if outcome.errors else ""
+    return f"{outcome.recording_id}: {outcome.procedure}: {state}{errors}"
 
 
 def _print_outcome(outcome: Outcome) -> None:
@@ -302,5 +306,5 @@ def _print_outcome(outcome: Outcome) -> None:
 
 
 def _finish(outcomes: Sequence[Outcome], *, strict: bool) -> None:
-    if any(o.verdict == "fail" or (strict and o.lost) for o in outcomes):
+    if any(o.verdict == "fail" or (strict and o.errors) for o in outcomes):
         raise typer.Exit(ExitCode.NOT_MET)

@@ -11,7 +11,7 @@ unit) fails the recording, unless the plan allows a number of them by a limit of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, Self
 
@@ -76,7 +76,9 @@ AUDIT_ERRORS = "error_count"
 """The audit's figure that has a limit in every plan."""
 
 
-def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complete: bool = True) -> pa.Table:
+def judge(
+    metrics: pa.Table, limits: Sequence[Limit], procedure: str, pending: Collection[str] = ()
+) -> pa.Table:
     """Give every figure its limits and its verdict.
 
     Parameters
@@ -87,9 +89,9 @@ def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complet
         At most one for each metric and channel.
     procedure : str
         Name of the procedure, for the table.
-    complete : bool, optional
-        Whether all stages of the procedure have run: then a limit without a figure becomes a row that is
-        not evaluated; otherwise its stage may not have run, and it is passed over.
+    pending : collection of str, optional
+        Names of metrics that stages which have not run could still add: limits on those are passed over. Any
+        other limit without a figure becomes a row that is not evaluated.
 
     Returns
     -------
@@ -101,13 +103,12 @@ def judge(metrics: pa.Table, limits: Sequence[Limit], procedure: str, *, complet
     unwritten = [Limit(metric=AUDIT_ERRORS, channel=stream, upper=0.0) for stream in audited]
     by_figure = {(limit.metric, limit.channel): limit for limit in (*unwritten, *limits)}
     judged = [_judged(figure, by_figure.get((figure["name"], figure["channel"]))) for figure in figures]
-    if complete:
-        there = {(figure["name"], figure["channel"]) for figure in figures}
-        judged += [
-            _judged(metric("", channel, name, None, ""), limit)
-            for (name, channel), limit in by_figure.items()
-            if (name, channel) not in there
-        ]
+    there = {(figure["name"], figure["channel"]) for figure in figures}
+    judged += [
+        _judged(metric("", channel, name, None, ""), limit)
+        for (name, channel), limit in by_figure.items()
+        if (name, channel) not in there and name not in pending
+    ]
     return rows("metrics", [{**figure, "procedure": procedure} for figure in judged])
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline import __version__, formats, limits, storage, verdicts
+from pipeline.errors import ExitCode
 from pipeline.procedures import PROCEDURES
 from pipeline.stages.base import ACCUMULATING, Stage, StageError, rows
 from pipeline.testplan import TestPlan, find_plan, load_plan
@@ -34,8 +35,8 @@ _COMPUTING = ("numpy", "scipy", "pyarrow", "numba", "mcap", "rosbags")
 class Outcome:
     """What became of one recording.
 
-    ``lost`` counts the findings that part of the recording could not be read; ``up_to_date`` says that
-    nothing had to be done.
+    ``errors`` counts the findings of that severity, among them every part of the recording that could not
+    be read; ``up_to_date`` says that nothing had to be done.
     """
 
     recording_id: str
@@ -43,7 +44,7 @@ class Outcome:
     metrics: pa.Table
     findings: pa.Table
     verdict: verdicts.Verdict
-    lost: int
+    errors: int
     up_to_date: bool = False
 
 
@@ -80,6 +81,7 @@ def run(
         With the exit code that fits: test plan, recording, a stage's refusal, the output folder.
     """
     formats.detect(recording)
+    _require_outside(out, recording)
     test_plan = load_plan(plan or find_plan(recording))
     digest, size = fingerprint(recording)
     name = recording_id or storage.recording_id(recording)
@@ -128,7 +130,9 @@ def validate(recording: Path, plan: Path | None = None, progress: Progress | Non
     formats.detect(recording)
     test_plan = load_plan(plan or find_plan(recording))
     tables, _ = _run_stages(recording, test_plan, VALIDATION, progress)
-    metrics = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure, complete=False)
+    left = [stage for stage in PROCEDURES[test_plan.procedure] if stage not in VALIDATION]
+    pending = {name for stage in left for name in import_module(f"pipeline.stages.{stage}").METRICS}
+    metrics = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure, pending)
     return _outcome(storage.recording_id(recording), test_plan.procedure, metrics, tables["findings"])
 
 
@@ -169,6 +173,18 @@ def code_fingerprint() -> str:
     ):
         whole.update(path.name.encode() + b"\0" + path.read_bytes())
     return whole.hexdigest()
+
+
+def _require_outside(out: Path, recording: Path) -> None:
+    """A recording is never changed: a rosbag2 folder does not take its own tables."""
+    if recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
+        raise storage.StorageError(
+            repr(str(out)),
+            expected="an output folder outside the recording",
+            found=f"one inside {str(recording)!r}",
+            remedy="choose another --out",
+            exit_code=ExitCode.USAGE,
+        )
 
 
 def _run_stages(
@@ -236,9 +252,9 @@ def _last_producers(log: Sequence[dict[str, Any]]) -> dict[str, str]:
 def _outcome(
     name: str, procedure: str, metrics: pa.Table, findings: pa.Table, *, up_to_date: bool = False
 ) -> Outcome:
-    lost = findings.column("kind").to_pylist().count("loss")
+    errors = findings.column("severity").to_pylist().count("error")
     verdict = verdicts.overall(metrics.to_pylist())
-    return Outcome(name, procedure, metrics, findings, verdict, lost, up_to_date)
+    return Outcome(name, procedure, metrics, findings, verdict, errors, up_to_date)
 
 
 def _versions() -> dict[str, str]:

@@ -75,7 +75,7 @@ def test_a_limit_without_a_figure_is_not_met() -> None:
 
 
 def test_a_limit_of_a_stage_that_has_not_run_is_passed_over() -> None:
-    judged = judge(metrics(figure(0.1, name="trend_a")), [limit(upper=0.2)], "coning", complete=False)
+    judged = judge(metrics(figure(0.1, name="trend_a")), [limit(upper=0.2)], "coning", pending={"peak_error"})
     assert judged.num_rows == 1
     assert overall(judged.to_pylist()) == "not evaluated"
 

@@ -62,6 +62,10 @@ class Comparison:
         return bool(np.linalg.norm(rate - held) <= _AGREES * max(float(np.linalg.norm(held)), usual))
 
 
+_QUARTER = np.pi / 2 * (1 + 1e-6)
+"""The largest |theta| [rad], and a little for six digits in a text file."""
+
+
 def compare(tables: Tables) -> Comparison | None:
     """Compare the gyro with the reference; None where too little of them lies at common times."""
     records = pair(tables, _FEWEST)
@@ -100,7 +104,7 @@ def audit_units(
             _contradicted(report, ratio, "the gyro's values are radians where degrees are stated")
         elif not 1 / _NEAR < ratio < _NEAR:
             text = f"the gyro turns {ratio:.3g} times as far as the reference; check its unit and scale"
-            report.say("implausible unit", "warning", text)
+            report.say("implausible unit", "error", text)
         return
     if report.stream == "gyro_increments" and regular is None:
         return
@@ -114,6 +118,20 @@ def audit_units(
             f"{fast} of {counted(len(size), 'sample')} above {max_plausible_rate:g} rad/s, median "
             f"{np.median(size):.4g} rad/s: degrees where radians are stated?",
             count=fast,
+        )
+
+
+def audit_attitude(report: StreamReport, theta: Float) -> None:
+    """Say where the angles of a reference cannot be radians: theta lies within a quarter turn of zero."""
+    beyond = int(np.count_nonzero(np.abs(theta) > _QUARTER))
+    if beyond:
+        report.say(
+            "implausible unit",
+            "error",
+            f"theta exceeds a quarter turn in {counted(beyond, 'sample')}, which it cannot: degrees where "
+            "radians are stated?",
+            channel="theta",
+            count=beyond,
         )
 
 

@@ -120,7 +120,7 @@ def _say_silent_channels(
     for name, value in held.items():
         if value == 0 and report.stream != "reference":
             text = f"zero throughout, while {', '.join(alive)} move"
-            report.say("missing channel", "warning", text, channel=name)
+            report.say("missing channel", "error", text, channel=name)
         else:
             report.say("constant", "info", f"{value:.6g} throughout", channel=name)
 

@@ -32,6 +32,7 @@ from pipeline.stages.base import StageError, Stand, Tables, finding, metric, row
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")
 PRODUCES: tuple[str, ...] = ("gyro", "gyro_increments", "alignment", "metrics", "findings")
+METRICS = ("clock_offset", "mounting_1", "mounting_2", "mounting_3")
 
 Float = NDArray[np.float64]
 

@@ -26,15 +26,35 @@ from pydantic import Field
 
 from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
-from pipeline.stages._audit_units import Comparison, audit_units, compare
+from pipeline.stages._audit_units import Comparison, audit_attitude, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_values
 from pipeline.stages._streams import CHANNELS, channels
+from pipeline.stages.base import ANGLES, Severity, Stand, Tables, counted, rows
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import Severity, Stand, Tables, counted, rows
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")
 PRODUCES: tuple[str, ...] = ("findings", "metrics")
+METRICS = (
+    "sample_count",
+    "sample_rate",
+    "rate_jitter",
+    "gap_count",
+    "longest_gap",
+    "lost_count",
+    "repeated_stamp_count",
+    "backward_stamp_count",
+    "clock_offset",
+    "clock_jump",
+    "clock_drift",
+    "nan_count",
+    "frozen_count",
+    "clipped_count",
+    "spike_count",
+    "rotation_ratio",
+    "error_count",
+    "warning_count",
+)
 
 
 class Settings(_Settings):
@@ -119,7 +139,9 @@ def _marked(table: pa.Table, stream: str, settings: Settings, comparison: Compar
         regular,
         comparison,
     )
-    if stream != "reference":
+    if stream == "reference":
+        audit_attitude(report, values[:, ANGLES.index("theta")])
+    else:
         audit_units(
             report, values[np.isfinite(values).all(axis=1)], regular, comparison, settings.max_plausible_rate
         )

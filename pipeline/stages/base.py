@@ -1,10 +1,11 @@
 """What a stage is, as numbered rules.
 
-1. A stage is one module of this package with the five names of `Stage`.
+1. A stage is one module of this package with the names of `Stage`.
 2. ``run`` is a pure function: it reads no file, writes no file, prints nothing, and gives the same
    bytes for the same tables and settings. (`ingest` is the one door: its ``run`` alone gets a path.)
 3. ``CONSUMES`` names the tables that must be there, ``MAY_CONSUME`` those it uses when they are.
-4. ``PRODUCES`` names the tables it may return. Every returned table satisfies its contract.
+4. ``PRODUCES`` names the tables it may return, ``METRICS`` the metrics it may add: a limit on any other name
+   is a fault of the test plan. Every returned table satisfies its contract.
 5. A returned table replaces the one of the same name for the stages after it, except ``findings`` and
    ``metrics``, which accumulate: a stage returns only its own rows.
 6. ``Settings`` is a frozen pydantic model whose every field has a default and a description with its
@@ -66,6 +67,7 @@ class Stage(Protocol):
     CONSUMES: tuple[str, ...]
     MAY_CONSUME: tuple[str, ...]
     PRODUCES: tuple[str, ...]
+    METRICS: tuple[str, ...]
     Settings: type[Settings]
 
     def run(self, tables: Tables, settings: Any, stand: Stand) -> dict[str, pa.Table]:

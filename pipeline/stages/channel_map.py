@@ -204,7 +204,7 @@ def channel_faults(name: StreamName, stream: Stream) -> list[Fault]:
         expected = f"{' or '.join(map(repr, known))} for the stream {name!r}"
         remedy = "correct the quantity, or put the channels into the stream that they belong to"
         return [Fault((name, "quantity"), expected, repr(stream.quantity), remedy)]
-    faults = [*_name_faults(stream, known[stream.quantity]), *_unit_faults(stream)]
+    faults = [*_name_faults(stream, known[stream.quantity]), *_unit_faults(stream), *_field_faults(stream)]
     if stream.reference_rotation is not None and name != "reference":
         expected = "reference_rotation only in the stream 'reference'"
         remedy = "use rotation, which turns the sensor's axes to the body axes"
@@ -224,6 +224,18 @@ def _name_faults(stream: Stream, needed: tuple[str, ...]) -> Iterator[Fault]:
     if missing and not strange:
         remedy = f"add channels.{missing[0]} = {{ field = …, unit = … }}"
         yield Fault(("channels",), expected, f"no {', '.join(missing)}", remedy)
+
+
+def _field_faults(stream: Stream) -> Iterator[Fault]:
+    """Channels that are fed from the field of another: a slip of the pen that no figure would show."""
+    first: dict[str, str] = {}
+    for name, channel in stream.channels.items():
+        owner = first.setdefault(channel.field, name)
+        if owner != name:
+            found = f"{channel.field!r}, which already feeds {owner}"
+            yield Fault(
+                ("channels", name, "field"), "a field of its own", found, "name the channel's own field"
+            )
 
 
 def _unit_faults(stream: Stream) -> Iterator[Fault]:

@@ -40,6 +40,7 @@ from pipeline.stages.base import Settings as _Settings
 CONSUMES = ("attitude",)
 MAY_CONSUME = ("gyro", "gyro_increments")
 PRODUCES = ("trend", "attitude_corrected", "findings")
+METRICS: tuple[str, ...] = ()
 
 Vector = NDArray[np.float64]
 Time = NDArray[np.int64]

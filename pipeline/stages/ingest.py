@@ -48,6 +48,7 @@ from pipeline.stages.channel_map import (
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ()
 PRODUCES = ("gyro", "gyro_increments", "reference", "findings")
+METRICS: tuple[str, ...] = ()
 
 UNIT_NORM = 1e-3
 """A quaternion whose norm is farther from 1 than this is marked: single precision and four decimals are

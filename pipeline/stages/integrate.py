@@ -5,8 +5,8 @@ singularity; ``euler_krylov`` integrates equations (1.1) of Godorov & Lutmanov (
 refuses to come near theta = ±90°. Both are of fourth order; `pipeline.numerics.integration` has the formulas.
 
 The constant that integration leaves open is the attitude at one instant of the segment: that of the
-reference at the segment's start or, where the reference begins later, at its first sample within the
-segment; else the angles that the test plan states, at the segment's start.
+reference's first sample within the segment; in a segment too short to hold one, that between the samples on
+either side; else the angles that the test plan states, at the segment's start.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ Time = NDArray[np.int64]
 CONSUMES = ("rates",)
 MAY_CONSUME = ("reference",)
 PRODUCES = ("attitude", "findings")
+METRICS: tuple[str, ...] = ()
 
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -97,10 +98,8 @@ class _Reference:
 
     time: Time
     quaternion: Float
-
-    @property
-    def longest_interval(self) -> float:
-        return _REFERENCE_GAP * float(np.median(np.diff(self.time))) if self.time.size > 1 else 0.0
+    longest_interval: float
+    """Across which it may be interpolated [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +131,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     angles = []
     for segment in segments:
         anchor = _anchor(segment, reference, settings)
-        findings += _about_start(segment, anchor, settings, referred=reference is not None)
+        findings += _about_start(segment, anchor, settings, reference)
         solve = _by_quaternion if settings.method == "quaternion" else _by_angles
         angles.append(solve(segment, anchor, settings))
         findings += _about_singularity(segment, angles[-1])
@@ -162,7 +161,8 @@ def _reference(tables: Tables) -> _Reference | None:
     if "reference" not in tables:
         return None
     time, angles = usable(tables["reference"], "reference")
-    return _Reference(time, quaternion_from_euler_krylov(angles))
+    longest = _REFERENCE_GAP * float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    return _Reference(time, quaternion_from_euler_krylov(angles), longest)
 
 
 def _anchor(segment: _Segment, reference: _Reference | None, settings: Settings) -> _Anchor:
@@ -174,11 +174,10 @@ def _anchor(segment: _Segment, reference: _Reference | None, settings: Settings)
     after = int(np.searchsorted(reference.time, start))
     if after == reference.time.size:
         return stated
-    bracketed = after > 0 and reference.time[after] - reference.time[after - 1] <= reference.longest_interval
-    if bracketed or reference.time[after] == start:
-        return _Anchor(start, _attitude_at(reference.time, reference.quaternion, start), True)
-    if reference.time[after] <= end:
+    if reference.time[after] <= end:  # a sample is exact where an interpolation between samples is not
         return _Anchor(int(reference.time[after]), reference.quaternion[after], True)
+    if after > 0 and reference.time[after] - reference.time[after - 1] <= reference.longest_interval:
+        return _Anchor(start, _attitude_at(reference.time, reference.quaternion, start), True)
     return stated
 
 
@@ -233,13 +232,13 @@ def _attitude_at_start(segment: _Segment, anchor: _Anchor) -> Float:
 
 
 def _about_start(
-    segment: _Segment, anchor: _Anchor, settings: Settings, *, referred: bool
+    segment: _Segment, anchor: _Anchor, settings: Settings, reference: _Reference | None
 ) -> list[dict[str, Any]]:
-    """What must be said of the segment's initial attitude; ``referred``: whether there is a reference."""
+    """What must be said of the segment's initial attitude."""
     start = int(segment.time[0])
     severity: Severity = "info"
-    if anchor.from_reference:
-        if anchor.time == start:
+    if reference is not None and anchor.from_reference:
+        if anchor.time - start <= reference.longest_interval:
             return []
         kind, late = "initial attitude", (anchor.time - start) / 1e9
         detail = f"no reference until {late:.6g} s into segment {segment.number}: tied to it there"
@@ -247,7 +246,7 @@ def _about_start(
         if settings.initial == "angles" and segment.number == 0:
             return []
         # Without any reference a record in one piece is only told from where its angles count.
-        alone = not referred and segment.number == 0
+        alone = reference is None and segment.number == 0
         kind, severity = "relative attitude", "info" if alone else "warning"
         why = "" if settings.initial == "angles" else "no reference to begin with; "
         detail = f"segment {segment.number}: {why}its attitude is relative to initial_angles at its own start"

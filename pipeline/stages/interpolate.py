@@ -37,6 +37,7 @@ Findings = list[dict[str, Any]]
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME = ("gyro", "gyro_increments")
 PRODUCES = ("rates", "findings")
+METRICS: tuple[str, ...] = ()
 
 _GAP_OF_RATES = 3.5
 _GAP_OF_INCREMENTS = 1.5

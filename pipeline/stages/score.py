@@ -40,6 +40,15 @@ from pipeline.stages.base import Settings as _Settings
 CONSUMES = ("attitude",)
 MAY_CONSUME = ("attitude_corrected", "reference", "trend")
 PRODUCES = ("metrics", "findings")
+METRICS: tuple[str, ...] = (
+    *(
+        f"{figure}{suffix}"
+        for figure in ("relative_rms_error", "peak_error", "final_error", "closure_error")
+        for suffix in ("", "_corrected")
+    ),
+    "trend_a",
+    "trend_b",
+)
 
 Vector = NDArray[np.float64]
 Time = NDArray[np.int64]
@@ -182,10 +191,15 @@ def _at(attitude: pa.Table, channel: str, common: _Common) -> Vector:
     angle = attitude[channel].to_numpy()
     result = np.empty(common.time.size)
     for segment in np.unique(common.segment):
-        here = common.segment == segment
-        rows_here = segments == segment
-        result[here] = _interpolated(grid[rows_here], angle[rows_here], common.time[here])
+        here, there = _stretch(common.segment, segment), _stretch(segments, segment)
+        result[here] = _interpolated(grid[there], angle[there], common.time[here])
     return result
+
+
+def _stretch(segments: NDArray[np.int32], number: int) -> slice:
+    """The rows of one segment; the numbers ascend."""
+    first, end = np.searchsorted(segments, [number, number + 1])
+    return slice(int(first), int(end))
 
 
 def _interpolated(grid: Time, angle: Vector, time: Time) -> Vector:

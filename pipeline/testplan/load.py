@@ -128,6 +128,9 @@ def load_plan(path: str | os.PathLike[str]) -> TestPlan:
         plan = model.model_validate(_immutable(data), strict=True)
     except ValidationError as error:
         raise plan_error(path, key_lines(text), faults_of(error, data, model)) from None
+    strange = _unknown_metrics(plan)
+    if strange:
+        raise plan_error(path, key_lines(text), strange)
     mapped = {name: getattr(plan, name) for name in ingest.Settings.model_fields}
     settings: dict[str, Settings] = {"ingest": ingest.Settings(**mapped)}
     settings |= {stage: getattr(plan, stage) for stage in PROCEDURES[plan.procedure] if stage != "ingest"}
@@ -140,6 +143,19 @@ def load_plan(path: str | os.PathLike[str]) -> TestPlan:
         limits=plan.limits,
         settings=MappingProxyType(settings),
     )
+
+
+def _unknown_metrics(plan: Any) -> list[Fault]:
+    """Limits on figures that no stage of the procedure has: they could never be met."""
+    modules = [import_module(f"pipeline.stages.{stage}") for stage in PROCEDURES[plan.procedure]]
+    known = list(dict.fromkeys(name for module in modules for name in module.METRICS))
+    return [
+        unknown(
+            ("limits", place, limit.metric), f"a metric of the procedure {plan.procedure!r}", known
+        )._replace(key=("limits", place, "metric"))
+        for place, limit in enumerate(plan.limits)
+        if limit.metric not in known
+    ]
 
 
 def find_plan(recording: Path) -> Path:

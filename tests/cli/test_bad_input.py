@@ -166,9 +166,18 @@ def test_limit_not_met(gyrostand: Command, csv_recording: Path, tmp_path: Path) 
     assert (tmp_path / "o/metrics/recording=run1/part-0.parquet").is_file()
 
 
+def test_limit_on_an_unknown_figure(gyrostand: Command, csv_recording: Path, tmp_path: Path) -> None:
+    plan = csv_recording.with_suffix(".toml")
+    plan.write_text(plan.read_text() + '\n[[limits]]\nmetric = "gap_cuont"\nchannel = "gyro"\nupper = 0.0\n')
+    for command in (("run", csv_recording, "--out", tmp_path / "o"), ("validate", csv_recording)):
+        refused(gyrostand(*command), ExitCode.USAGE, "run1.toml", "gap_cuont", "gap_count")
+
+
 def test_limit_on_a_figure_that_is_not_there(gyrostand: Command, csv_recording: Path, tmp_path: Path) -> None:
     plan = csv_recording.with_suffix(".toml")
-    plan.write_text(plan.read_text() + '\n[[limits]]\nmetric = "no_such"\nchannel = "psi"\nupper = 1.0\n')
+    plan.write_text(
+        plan.read_text() + '\n[[limits]]\nmetric = "closure_error"\nchannel = "psi"\nupper = 1.0\n'
+    )
     result = gyrostand("run", csv_recording, "--out", tmp_path / "o")
     assert result.returncode == ExitCode.NOT_MET
     assert "not evaluated" in result.stdout
@@ -197,6 +206,17 @@ def test_validate_goes_on_behind_what_it_cannot_judge(
     both = gyrostand("validate", without_plan, tmp_path / "broken.csv", csv_recording)
     assert both.returncode == ExitCode.INPUT  # the graver of the two
     assert len(both.stderr.splitlines()) == 2
+
+
+def test_output_folder_inside_the_recording(gyrostand: Command, tmp_path: Path) -> None:
+    made = gyrostand("simulate", "coning", tmp_path / "bag", "--duration", 0.1)
+    assert made.returncode == ExitCode.PASS, made.stderr
+    refused(gyrostand("run", tmp_path / "bag", "--out", tmp_path / "bag" / "out"), ExitCode.USAGE, "outside")
+
+
+def test_one_field_for_two_channels(gyrostand: Command, csv_recording: Path, tmp_path: Path) -> None:
+    edit(csv_recording.with_suffix(".toml"), 'field = "q"', 'field = "p"')
+    refused(gyrostand("run", csv_recording, "--out", tmp_path / "o"), ExitCode.USAGE, "already feeds p")
 
 
 def test_unknown_command_and_option(gyrostand: Command) -> None:

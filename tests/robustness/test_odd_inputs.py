@@ -201,7 +201,7 @@ LAYOUTS: dict[str, tuple[str | bytes, str]] = {
 def test_any_layout_of_a_text_file_gives_the_same_attitude(layout: str, tmp_path: Path) -> None:
     outcome, figures = process(tmp_path, *LAYOUTS[layout])
     assert outcome.verdict == "pass"
-    assert outcome.lost == 0
+    assert outcome.errors == 0
     assert figures["gyro", "sample_count"] == len(T)
     assert peak(figures) < CLOSE
 

@@ -209,9 +209,9 @@ class TestValues:
         rates[:, 1] = 0.0
         rates[:, 2] = np.nan
         findings, figures = audited(gyro(time, rates))
-        assert (figures["gyro", "error_count"], figures["gyro", "warning_count"]) == (1, 1)
+        assert (figures["gyro", "error_count"], figures["gyro", "warning_count"]) == (2, 0)
         assert {(f["kind"], f["channel"], f["severity"]) for f in findings} == {
-            ("missing channel", "q", "warning"),
+            ("missing channel", "q", "error"),
             ("missing channel", "r", "error"),
         }
 
