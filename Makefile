@@ -30,6 +30,7 @@ all: $(VENV)/.ready
 	$(GYROSTAND) report "$(BUILD)" --index || status=$$?; \
 	$(GYROSTAND) check "$(BUILD)" || status=$$?; \
 	$(GYROSTAND) verdicts "$(BUILD)" || status=$$?; \
+	test $$status = 0 || echo "not everything is well: see above" >&2; \
 	exit $$status
 
 validate: $(VENV)/.ready

@@ -285,6 +285,10 @@ def _progress(name: str) -> Iterator[Progress | None]:
         sys.stderr.write("\r\x1b[K")
 
 
+_SHOWN = 3
+"""Findings of a kind and place that are printed; the page and the table have all."""
+
+
 def _headline(outcome: Outcome) -> str:
     state = outcome.verdict + (" (up to date)" if outcome.up_to_date else "")
     errors = f"; {outcome.errors} of the findings are errors" if outcome.errors else ""
@@ -299,10 +303,18 @@ def _print_outcome(outcome: Outcome) -> None:
     for m in limited(outcome.metrics.to_pylist()):
         value = "none" if m["value"] is None else f"{m['value']:.6g}"
         low, high = (("" if m[k] is None else f"{m[k]:.6g}") for k in ("lower_limit", "upper_limit"))
-        typer.echo(f"  {m['verdict']:13} {m['channel']} {m['name']} = {value} {m['unit']} [{low} … {high}]")
+        unit = "" if m["unit"] == "1" else f" {m['unit']}"
+        typer.echo(f"  {m['verdict']:13} {m['channel']} {m['name']} = {value}{unit} [{low} … {high}]")
+    kinds: dict[tuple[str, str, str], list[str]] = {}
     for f in outcome.findings.to_pylist():
         if f["severity"] != "info":
-            typer.echo(f"  {f['severity']:13} {f['stream']}: {f['kind']}: {f['detail']}")
+            place = f["stream"] if f["channel"] is None else f"{f['stream']}.{f['channel']}"
+            kinds.setdefault((f["severity"], place, f["kind"]), []).append(f["detail"])
+    for (severity, place, kind), details in kinds.items():
+        for detail in details[:_SHOWN]:
+            typer.echo(f"  {severity:13} {place}: {kind}: {detail}")
+        if len(details) > _SHOWN:
+            typer.echo(f"  {'':13} {place}: {kind}: {len(details) - _SHOWN} more, in the table findings")
 
 
 def _finish(outcomes: Sequence[Outcome], *, strict: bool) -> None:

@@ -18,7 +18,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Protocol
@@ -195,10 +195,14 @@ class TextLayout:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """The requested topics as Arrow tables (rule 3), and what could not be read."""
+    """The requested topics as Arrow tables (rule 3), and what could not be read.
+
+    ``units`` has the unit of a requested field where the file itself states one, as it stands there.
+    """
 
     tables: Mapping[str, pa.Table]
     losses: tuple[Loss, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

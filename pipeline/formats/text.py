@@ -107,7 +107,8 @@ def read(path: Path, requests: Sequence[Request], layout: TextLayout) -> Samples
             raise wrong_request(f"{where}, column {path_!r}", "a channel or a time", "both")
     columns, more = parse(text, found, set(numbers.values()), as_times, where)
     table = pa.table({name: columns[index] for name, index in (numbers | moments).items()})
-    return Samples({"": table}, losses + more)
+    stated = {name: found.columns[index].unit for name, index in (numbers | moments).items()}
+    return Samples({"": table}, losses + more, {name: unit for name, unit in stated.items() if unit})
 
 
 def write(path: Path, series: Sequence[Series]) -> None:

@@ -173,6 +173,7 @@ def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table
             table, columns = _columns(samples)
         tables[table] = _table(table, samples, columns)
         findings += samples.findings
+        findings += _contradicted_units(name, stream, settings.clock(name), read.units)
     return {**tables, "findings": rows("findings", findings)}
 
 
@@ -222,6 +223,24 @@ def _uncertain_times(losses: Sequence[Loss], settings: Settings) -> Iterator[dic
                 "stand too early by what was lost, unless the plan names a counter"
             )
             yield finding("ingest", name, "uncertain time", "warning", detail, count=lost)
+
+
+def _contradicted_units(
+    name: StreamName, stream: Stream, clock: Clock, stated: Mapping[str, str]
+) -> Iterator[dict[str, Any]]:
+    """Findings of fields whose unit the file states otherwise than the plan; a scale may be why it does."""
+    planned: list[tuple[str, str, str | None]] = [
+        (c.field, c.unit, channel) for channel, c in stream.channels.items() if c.scale == 1
+    ]
+    if clock.field is not None and clock.unit is not None:
+        planned.append((clock.field, clock.unit, None))
+    for path, unit, channel in planned:
+        of = units.dimension(stated.get(path, ""))
+        if of is not None and units.canonical(stated[path]) != units.canonical(unit):
+            detail = (
+                f"the file states {stated[path]!r} for {path!r}, the test plan {unit!r}, which is followed"
+            )
+            yield finding("ingest", name, "contradicted unit", "warning", detail, channel=channel)
 
 
 def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, topic: pa.Table) -> _Samples:

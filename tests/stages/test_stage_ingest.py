@@ -423,3 +423,19 @@ def test_packets_that_were_lost_leave_gaps(shared_data: Path) -> None:
     time = tables["gyro"].column("time").to_numpy()
     assert (tables["gyro"].num_rows, time[0]) == (12626, round(115 / 256 * 1e9))
     assert set(np.round(np.diff(time) * 256e-9).astype(int).tolist()) == {1, 2, 3}
+
+
+def test_a_unit_that_the_file_states_otherwise_is_a_finding(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t (s),p (deg/s),q (deg/s),r (rad/s)\n0,1,2,3\n0.1,1,2,3\n")
+    channels = {
+        "p": {"field": "p", "unit": "rad/s"},
+        "q": {"field": "q", "unit": "°/s"},
+        "r": {"field": "r", "unit": "rad/s"},
+    }
+    streams = {"gyro": {"quantity": "angular_rate", "channels": channels}}
+    found = findings(ingest(path, {"field": "t", "unit": "s"}, **streams))
+    assert [(f["kind"], f["channel"], f["severity"]) for f in found] == [
+        ("contradicted unit", "p", "warning")
+    ]
+    assert "'deg/s'" in found[0]["detail"]
