@@ -305,12 +305,12 @@ def _print_outcome(outcome: Outcome) -> None:
         low, high = (("" if m[k] is None else f"{m[k]:.6g}") for k in ("lower_limit", "upper_limit"))
         unit = "" if m["unit"] == "1" else f" {m['unit']}"
         typer.echo(f"  {m['verdict']:13} {m['channel']} {m['name']} = {value}{unit} [{low} … {high}]")
-    kinds: dict[tuple[str, str, str], list[str]] = {}
+    kinds: dict[tuple[str, str, str, str], list[str]] = {}
     for f in outcome.findings.to_pylist():
         if f["severity"] != "info":
             place = f["stream"] if f["channel"] is None else f"{f['stream']}.{f['channel']}"
-            kinds.setdefault((f["severity"], place, f["kind"]), []).append(f["detail"])
-    for (severity, place, kind), details in kinds.items():
+            kinds.setdefault((f["stage"], f["severity"], place, f["kind"]), []).append(f["detail"])
+    for (_, severity, place, kind), details in kinds.items():
         for detail in details[:_SHOWN]:
             typer.echo(f"  {severity:13} {place}: {kind}: {detail}")
         if len(details) > _SHOWN:
