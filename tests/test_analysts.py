@@ -80,6 +80,6 @@ def test_a_run_at_work_does_not_disturb_readers(out: Path) -> None:
         publication.publish("gyro", storage.read(out, "run7", "gyro"))
         assert len(pl.read_parquet(out / "gyro")) == 50 * len(IDS)
         query = "select count(*) from read_parquet(?)"
-        count = duckdb.execute(query, [str(out / "gyro" / "**" / "*.parquet")]).fetchone()
-        assert count == (50 * len(IDS),)
+        count = duckdb.execute(query, [str(out / "gyro" / "**" / "*.parquet")]).fetchall()
+        assert count == [(50 * len(IDS),)]
         assert len(pd.read_parquet(out / "gyro")) == 50 * len(IDS)
