@@ -106,19 +106,8 @@ def run(
             )
         tables, log = _run_stages(recording, test_plan, stages, progress)
         tables["metrics"] = limits.judge(tables["metrics"], test_plan.limits, test_plan.procedure)
-        last = _last_producers(log)
         published = {table: publication.publish(table, tables[table]) for table in sorted(tables)}
-        for entry in log:
-            entry["tables"] = json.dumps(
-                {
-                    t: {"rows": p.rows, "sha256": p.sha256}
-                    for t, p in published.items()
-                    if last[t] == entry["stage"]
-                },
-                sort_keys=True,
-            )
-            entry.update(identity)
-        publication.finish(rows("provenance", log))
+        publication.finish(_provenance(log, published, identity))
     return _outcome(name, test_plan.procedure, tables["metrics"], tables["findings"])
 
 
@@ -239,6 +228,23 @@ def _merge(tables: Mapping[str, pa.Table], produced: Mapping[str, pa.Table]) -> 
         if name in produced:
             merged[name] = pa.concat_tables([tables[name], produced[name]])
     return merged
+
+
+def _provenance(
+    log: Sequence[dict[str, Any]],
+    published: Mapping[str, storage.Published],
+    identity: Mapping[str, object],
+) -> pa.Table:
+    """One row a stage, with the files that were published from it."""
+    last = _last_producers(log)
+    for entry in log:
+        files = {
+            table: {"rows": file.rows, "sha256": file.sha256}
+            for table, file in published.items()
+            if last[table] == entry["stage"]
+        }
+        entry.update(identity, tables=json.dumps(files, sort_keys=True))
+    return rows("provenance", log)
 
 
 def _last_producers(log: Sequence[dict[str, Any]]) -> dict[str, str]:
