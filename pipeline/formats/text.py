@@ -199,7 +199,7 @@ def _index(path: str, found: FoundLayout, where: str) -> int:
             ", ".join(map(repr, same)),
             "name it with its unit in the test plan",
         )
-    raise unknown_name(where, "column", path, [*names, *(bare for bare in bare_names if bare not in names)])
+    raise unknown_name(where, "column", path, names if path.endswith((")", "]")) else bare_names)
 
 
 def _time_scales(times: Iterable[TimeField], columns: Mapping[str, int], where: str) -> dict[int, int]:
