@@ -23,8 +23,9 @@ UV := $(shell command -v uv 2>/dev/null)
 .DELETE_ON_ERROR:
 
 all: $(VENV)/.ready
-	@$(GYROSTAND) discover "$(RECORDINGS)" --out "$(BUILD)" >/dev/null
-	@status=0; \
+	@rm -f -- "$(BUILD)/recordings.mk"; status=0; \
+	$(GYROSTAND) discover "$(RECORDINGS)" --out "$(BUILD)" >/dev/null || status=$$?; \
+	test -f "$(BUILD)/recordings.mk" || exit $$status; \
 	ROOT="$$PWD" OUT="$(BUILD)" $(MAKE) --no-print-directory -s -k -C "$(BUILD)" -f recordings.mk \
 		GYROSTAND="$(GYROSTAND)" pages || status=$$?; \
 	$(GYROSTAND) report "$(BUILD)" --index || status=$$?; \

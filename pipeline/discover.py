@@ -15,7 +15,7 @@ from pipeline import runner, storage
 from pipeline.errors import ExitCode, GyrostandError, writing
 from pipeline.formats.base import RecordingError
 from pipeline.storage.naming import COMPRESSIONS, SUFFIXES
-from pipeline.testplan import find_plan
+from pipeline.testplan import PlanError, find_plan, named_recordings, own_plan
 
 RULES = "recordings.mk"
 
@@ -28,6 +28,9 @@ class DiscoveryError(GyrostandError):
 
 def recordings(folder: Path) -> list[Path]:
     """The recordings directly in a folder, by name: known suffixes, and rosbag2 folders.
+
+    One that another's test plan names among its runs, and that has no test plan of its own, is part of that
+    other, and is not listed.
 
     Raises
     ------
@@ -42,7 +45,9 @@ def recordings(folder: Path) -> list[Path]:
             found="none" if folder.is_dir() else "no such folder",
             remedy="name a folder that holds recordings",
         )
-    return found
+    parts = {part for path in found if path.exists() for part in _further(path) if part != path}
+    whole = [path for path in found if path not in parts or own_plan(path).is_file()]
+    return whole or found  # of plans that name each other's: each says itself what is wrong
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
@@ -55,9 +60,18 @@ def expand(paths: Sequence[Path]) -> list[Path]:
 
 
 def write_rules(folder: Path, out: Path) -> Path:
-    """Write ``<out>/recordings.mk`` and the listing of each recording; give the rules' path."""
+    """Write ``<out>/recordings.mk`` and the listing of each recording; give the rules' path.
+
+    Raises
+    ------
+    PlanError
+        If a recording has no test plan; the rules of the others are written nevertheless.
+    DiscoveryError
+        If two recordings cannot be told apart, or nothing can be written.
+    """
     listings: dict[str, Path] = {}
     taken: set[str] = set()
+    unplanned: list[PlanError] = []
     for recording in recordings(folder):
         name = storage.recording_id(recording)
         if name.casefold() in taken:  # one file to a file system without case
@@ -68,10 +82,19 @@ def write_rules(folder: Path, out: Path) -> Path:
                 remedy="rename one of them",
             )
         taken.add(name.casefold())
-        listings[name] = out / ".recordings" / f"{name}.json"
-        _write_if_changed(listings[name], _listing(recording))
+        try:
+            text = _listing(recording)
+        except PlanError as error:
+            unplanned.append(error)
+        else:
+            listings[name] = out / ".recordings" / f"{name}.json"
+            _write_if_changed(listings[name], text)
     rules = out / RULES
-    _write_if_changed(rules, _rules(listings))
+    if listings:
+        _write_if_changed(rules, _rules(listings))
+    if unplanned:
+        unplanned[0].faults = tuple(unplanned)
+        raise unplanned[0]
     return rules
 
 
@@ -104,9 +127,22 @@ def _is_recording(path: Path) -> bool:
     return name.removesuffix(packed).endswith(SUFFIXES)
 
 
+def _files(recording: Path) -> list[Path]:
+    return [p for p in sorted(recording.rglob("*")) if p.is_file()] if recording.is_dir() else [recording]
+
+
+def _further(recording: Path) -> tuple[Path, ...]:
+    """The further recordings that the test plan of a recording names; none where it has no test plan."""
+    try:
+        return named_recordings(find_plan(recording), recording)
+    except PlanError:
+        return ()
+
+
 def _listing(recording: Path) -> str:
     plan = find_plan(recording)
-    files = [p for p in sorted(recording.rglob("*")) if p.is_file()] if recording.is_dir() else [recording]
+    of = (recording, *(part for part in named_recordings(plan, recording) if part.exists()))
+    files = [file for path in of for file in _files(path)]
     stamps = {str(p): [p.stat().st_size, p.stat().st_mtime_ns] for p in (*files, plan)}
     facts = {"recording": str(recording), "files": stamps, "code": runner.code_fingerprint()}
     return json.dumps(facts, indent=1) + "\n"

@@ -8,6 +8,11 @@ from types import MappingProxyType
 PROCEDURES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "coning": ("ingest", "audit", "align", "interpolate", "integrate", "detrend", "score"),
+        "drift": ("ingest", "audit", "resample", "identify", "score_drift"),
     }
 )
 """The stages of each procedure, in order; each is the module of that name in `pipeline.stages`."""
+
+NEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType({"drift": ("streams.gimbal",)})
+"""What a plan must say for a procedure, beyond what its stages' settings demand themselves: keys of its
+streams and its stand, such as ``streams.gimbal`` and ``stand.latitude_deg``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import resource
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -83,7 +84,11 @@ def run(
     formats.detect(recording)
     _require_outside(out, recording)
     test_plan = load_plan(plan or find_plan(recording))
-    digest, size = fingerprint(recording)
+    further = test_plan.further_recordings(recording)
+    for other in further:
+        _require_outside(out, other)
+        formats.detect(other)
+    digest, size = fingerprint(recording, *further)
     name = recording_id or storage.recording_id(recording)
     stages = PROCEDURES[test_plan.procedure]
     versions = _versions()
@@ -141,8 +146,15 @@ def outcomes(out: Path) -> list[Outcome]:
     return found
 
 
-def fingerprint(recording: Path) -> tuple[str, int]:
-    """SHA-256 and size [byte] of a recording; of a folder, over the names and bytes of its files."""
+def fingerprint(recording: Path, *further: Path) -> tuple[str, int]:
+    """SHA-256 and size [byte] of a recording; of a folder, over the names and bytes of its files.
+
+    Of a recording with further ones, over the names and the fingerprints of them all.
+    """
+    if further:
+        each = [(path.name, *fingerprint(path)) for path in (recording, *further)]
+        names = "".join(f"{name}\0{digest}\n" for name, digest, _ in each)
+        return hashlib.sha256(os.fsencode(names)).hexdigest(), sum(size for *_, size in each)
     if not recording.is_dir():
         return _file_sha256(recording), recording.stat().st_size
     whole, size = hashlib.sha256(), 0

@@ -84,10 +84,75 @@ def test_two_recordings_of_one_id_are_refused(folder: Path, tmp_path: Path) -> N
     assert caught.value.exit_code == ExitCode.USAGE
 
 
-def test_a_recording_without_a_plan_is_refused(folder: Path, tmp_path: Path) -> None:
+def test_a_recording_without_a_plan_is_named_and_the_others_are_listed(folder: Path, tmp_path: Path) -> None:
     (folder / "bag.toml").unlink()
-    with pytest.raises(PlanError, match="plan init"):
+    (folder / "RUN2.toml").unlink()
+    with pytest.raises(PlanError, match="plan init") as caught:
         write_rules(folder, tmp_path / "out")
+    assert caught.value.exit_code == ExitCode.USAGE
+    assert [line.partition(": ")[0] for line in str(caught.value).splitlines()] == [
+        str(folder / "RUN2.CSV.GZ"),
+        str(folder / "bag"),
+    ]
+    assert re.findall(r"^pages: (\S+)$", (tmp_path / "out" / "recordings.mk").read_text(), re.MULTILINE) == [
+        "report/run1.html"
+    ]
+
+
+def test_where_no_recording_has_a_plan_there_are_no_rules(folder: Path, tmp_path: Path) -> None:
+    for plan in folder.glob("*.toml"):
+        plan.unlink()
+    with pytest.raises(PlanError):
+        write_rules(folder, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def names(folder: Path) -> list[str]:
+    return [path.name for path in recordings(folder)]
+
+
+def test_a_part_of_another_recording_is_none_of_its_own(folder: Path) -> None:
+    (folder / "run1.toml").write_text('[[runs]]\nrecording = "RUN2.CSV.GZ"\n[[runs]]\nrecording = "bag"\n')
+    assert names(folder) == ["RUN2.CSV.GZ", "bag", "run1.csv"]  # with test plans of their own
+    (folder / "RUN2.toml").unlink()
+    assert names(folder) == ["bag", "run1.csv"]
+    (folder / "bag.toml").unlink()
+    assert names(folder) == ["run1.csv"]
+    assert expand([folder]) == [folder / "run1.csv"]
+    assert expand([folder / "bag"]) == [folder / "bag"]
+
+
+def test_the_folder_s_plan_may_name_parts_too(folder: Path) -> None:
+    for plan in folder.glob("*.toml"):
+        plan.unlink()
+    (folder / "testplan.toml").write_text('[[runs]]\nrecording = "bag"\n')
+    assert names(folder) == ["RUN2.CSV.GZ", "run1.csv"]
+    every = "".join(f'[[runs]]\nrecording = "{name}"\n' for name in ("bag", "RUN2.CSV.GZ", "run1.csv"))
+    (folder / "testplan.toml").write_text(every)
+    assert names(folder) == ["RUN2.CSV.GZ", "bag", "run1.csv"]  # nothing is lost in silence
+
+
+def test_a_listing_has_the_stamps_of_its_further_recordings(folder: Path, tmp_path: Path) -> None:
+    for name in ("RUN2.toml", "bag.toml"):
+        (folder / name).unlink()
+    (folder / "run1.toml").write_text(
+        "".join(f'[[runs]]\nrecording = "{name}"\n' for name in ("bag", "RUN2.CSV.GZ", "later.csv"))
+    )
+    listing = tmp_path / "out" / ".recordings" / "run1.json"
+
+    def files() -> set[str]:
+        write_rules(folder, tmp_path / "out")
+        return {str(Path(path).relative_to(folder)) for path in json.loads(listing.read_text())["files"]}
+
+    assert files() == {"run1.csv", "run1.toml", "RUN2.CSV.GZ", "bag/metadata.yaml"}
+    before = listing.stat().st_mtime_ns
+    assert files()
+    assert listing.stat().st_mtime_ns == before
+    (folder / "bag" / "metadata.yaml").write_text("new")
+    assert files()
+    assert listing.stat().st_mtime_ns != before
+    (folder / "later.csv").touch()
+    assert "later.csv" in files()
 
 
 def test_what_cannot_be_written_or_read_is_the_users_fault(folder: Path) -> None:

@@ -34,7 +34,7 @@ def test_links_and_pictures_are_there(page: Path) -> None:
 def test_examples_of_test_plans_are_right(example: str, tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text(example, encoding="utf-8")
-    assert load_plan(path).procedure == "coning"
+    assert load_plan(path).procedure in PROCEDURES
 
 
 @pytest.mark.parametrize("procedure", PROCEDURES)

@@ -72,6 +72,18 @@ def test_an_unreadable_recording_fails_the_rest_goes_on(odd_folder: Path, tmp_pa
     assert len(list((tmp_path / "build").glob("metrics/recording=*/part-0.parquet"))) == len(ODD)
 
 
+def test_a_recording_without_a_plan_fails_the_rest_goes_on(odd_folder: Path, tmp_path: Path) -> None:
+    (odd_folder / "testplan.toml").rename(odd_folder / "2026-11-22.toml")
+    result = make(recordings=odd_folder, build=tmp_path / "build")
+    assert result.returncode != 0
+    unplanned = [line for line in result.stderr.splitlines() if "plan init" in line]
+    assert len(unplanned) == len(ODD) - 1
+    assert [p.name for p in (tmp_path / "build" / "metrics").iterdir()] == ["recording=rec-2026-11-22"]
+    assert "rec-2026-11-22: coning: pass" in result.stdout
+    (odd_folder / "2026-11-22.toml").rename(odd_folder / "testplan.toml")
+    assert make(recordings=odd_folder, build=tmp_path / "build").returncode == 0
+
+
 def test_validate(odd_folder: Path, tmp_path: Path) -> None:
     assert make("validate", recordings=odd_folder, build=tmp_path / "build").returncode == 0
     assert not (tmp_path / "build").exists()

@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Scheme = Literal["polar", "equatorial", "horizontal", "vertical"]
 
-RATE = np.deg2rad(15.041067) / 3600
-"""U, rate of the Earth's rotation [rad/s]; ``tau = U t`` is time in units of it."""
+DEGREES_PER_HOUR = 15.041067
+"""U, rate of the Earth's rotation [deg/h]: the drift of a dimensionless m of 1."""
+
+RATE = np.deg2rad(DEGREES_PER_HOUR) / 3600
+"""The same in rad/s; ``tau = U t`` is time in units of it."""
 
 
 def passive_rotation(axis: int, angle: float) -> Float:
@@ -55,6 +58,11 @@ class Base:
     def mounted(cls, scheme: Scheme, latitude: float) -> Base:
         """The base of one of the paper's schemes I to IV at a latitude [rad]."""
         return cls.at(latitude, mounting_angles(scheme, latitude))
+
+    @property
+    def latitude(self) -> float:
+        """Latitude [rad] of the base, however it stands: ``sin phi = -u.g``."""
+        return float(np.arcsin(np.clip(-self.u @ self.g, -1.0, 1.0)))
 
     def misaligned(self, rotation_vector: Float) -> Base:
         """The base whose axes are turned by a small rotation vector Delta chi [rad], components in zeta.

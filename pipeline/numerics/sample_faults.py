@@ -144,9 +144,9 @@ def _upper_rail(values: Float, minimum: int) -> Runs:
     before, after = found.start[found.start >= 2], found.stop[found.stop + 2 <= len(values)]
     near = np.concatenate([values[before - 1], values[after]])
     far = np.concatenate([values[before - 2], values[after + 1]])
-    resolution = _resolution(values)
+    quantum = resolution(values)
     # A slope is known to two counts; but a signal of few levels goes by steps and has none.
-    slack = 2 * resolution if rail - beneath.min() > _FEW_LEVELS * resolution else 0.0
+    slack = 2 * quantum if rail - beneath.min() > _FEW_LEVELS * quantum else 0.0
     heading = np.count_nonzero(near - far + slack > rail - near)
     return found if heading and heading >= _HEADING * len(near) else none
 
@@ -178,7 +178,7 @@ def spikes(values: Float, factor: float) -> Bool:
     if len(values) < 5:
         return marked
     d = values[1:-1] - (values[:-2] + values[2:]) / 2
-    scale = np.maximum(_local_scale(np.abs(d)), _resolution(values))
+    scale = np.maximum(_local_scale(np.abs(d)), resolution(values))
     candidates = np.flatnonzero(np.abs(d) > factor * scale)
     candidates = candidates[(candidates >= 1) & (candidates < len(d) - 1)]
     for side in (-1, 1):
@@ -207,9 +207,12 @@ def _rounding(values: Float) -> float:
     return 64 * float(np.finfo(np.float64).eps) * float(np.max(np.abs(values)))
 
 
-def _resolution(values: Float) -> float:
-    """The smallest step between neighbours, and not below what rounding makes."""
+def resolution(values: Float) -> float:
+    """The smallest step between neighbours, or of steps, and not below what rounding makes.
+
+    Steps of steps are multiples of the same quantum, and tell it where the signal never rests.
+    """
     rounding = _rounding(values)
-    steps = np.abs(np.diff(values))
+    steps = np.abs(np.concatenate([np.diff(values), np.diff(values, n=2)]))
     steps = steps[steps > rounding]
     return max(rounding, float(steps.min()) if len(steps) else 0.0)

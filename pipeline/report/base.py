@@ -25,16 +25,22 @@ Tables = Mapping[str, pa.Table]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One part of the page: a heading, a sentence that says what is seen, and the picture."""
+    """One part of the page: a heading, a sentence that says what is seen, the picture, and what stands below.
+
+    ``below`` is HTML, in which its maker has escaped every text of the tables.
+    """
 
     title: str
     text: str
     picture: LayoutDOM
+    below: str = ""
 
 
 Figures = Callable[[Tables], list[Section]]
 
-FIGURES: Mapping[str, str] = MappingProxyType({"coning": "pipeline.report.coning"})
+FIGURES: Mapping[str, str] = MappingProxyType(
+    {"coning": "pipeline.report.coning", "drift": "pipeline.report.drift"}
+)
 """The module with the figures of each procedure."""
 
 
@@ -66,13 +72,13 @@ def times(table: pa.Table, name: str = "time") -> NDArray[np.int64]:
     return np.asarray(table.column(name).drop_null().to_numpy(), dtype=np.int64)
 
 
-_KEEP_TIME = ("attitude", "rates", "gyro", "gyro_increments", "reference")
+_KEEP_TIME = ("attitude", "rates", "trajectory", "gyro", "gyro_increments", "gimbal", "reference")
 
 
 def record_clock(tables: Tables) -> Clock | None:
-    """The clock of the attitude, else of the first table that has one; None where nothing has a time.
+    """The clock of the first of `_KEEP_TIME` that has rows; None where nothing has a time.
 
-    The attitude comes first because its times rise: one stray stamp of a raw stream would stretch the axis.
+    Tables on a grid come first because their times rise: one stray stamp of a stream would stretch an axis.
     """
     kept = next((tables[name] for name in _KEEP_TIME if name in tables and tables[name].num_rows), None)
     return None if kept is None else Clock.of(times(kept))

@@ -8,6 +8,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _THIN_SPACE = "\u202f"
 _DIGITS = 4
 _SMALLEST_SHOWN, _LARGEST_SHOWN = 1e-8, 1e9  # beyond, a standard error has a power of its own
+_MOST_DECIMALS = 9  # an error that is smaller than these is none that a reader compares
 _LARGEST_POWER = 300  # beyond, a power of ten is no longer exact
 
 
@@ -37,6 +38,29 @@ def standard_error(error: float | None, value: float | None) -> str:
         return number(float(f"{error:.1e}"))
     decimals = max(1 - math.floor(math.log10(shown)), 0)
     return _spaced(f"{shown:,.{decimals}f}") + _times(power)
+
+
+def measured(value: float | None, error: float | None) -> str:
+    """A value in as many decimals as its standard error in two digits: ``0.15041 ± 0.00012``.
+
+    Both times a power of a thousand where they are small; the value alone where there is no error.
+    """
+    if value is None or error is None or not 0.0 < error < math.inf or not math.isfinite(value):
+        return number(value)
+    largest = math.floor(math.log10(max(abs(value), error)))
+    power = 0 if -4 < largest < 6 else 3 * (largest // 3)
+    shown = error / 10.0**power
+    decimals = max(1 - math.floor(math.log10(shown)), 0)
+    if decimals > _MOST_DECIMALS:
+        return number(value)
+    rounded = round(value / 10.0**power, decimals) + 0.0  # no minus before a zero
+    text = f"{_spaced(f'{rounded:,.{decimals}f}')} ± {_spaced(f'{shown:,.{decimals}f}')}"
+    return f"({text}){_times(power)}" if power else text
+
+
+def power_of_ten(power: int) -> str:
+    """``10⁻³``."""
+    return f"10{str(power).translate(_SUPERSCRIPT)}"
 
 
 def unit(name: str) -> str:
@@ -70,7 +94,7 @@ def _split(value: float) -> tuple[float, int, int]:
 
 
 def _times(power: int) -> str:
-    return f"×10{str(power).translate(_SUPERSCRIPT)}" if power else ""
+    return f"×{power_of_ten(power)}" if power else ""
 
 
 def _stripped(text: str) -> str:

@@ -149,7 +149,7 @@ def _figures(procedure: str) -> Callable[[Tables], list[Section]]:
 def _section(section: Section, place: str) -> str:
     return (
         f"<section><h2>{escape(section.title)}</h2><p class=note>{escape(section.text)}</p>"
-        f'<div class="picture" id="{place}"></div></section>'
+        f'<div class="picture" id="{place}"></div>{section.below}</section>'
     )
 
 

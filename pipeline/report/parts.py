@@ -72,8 +72,8 @@ def provenance(table: pa.Table) -> str:
         f"<td class=num>{size(row['peak_memory'])}</td><td>{_pairs(row['settings'])}</td></tr>"
         for row in rows
     )
-    table_html = _table(("stage", "duration [s]", "peak memory", "settings"), stages, (1, 2))
-    return _fold("How these tables came about", f"<dl>{listed}</dl>{table_html}")
+    listed_stages = html_table(("stage", "duration [s]", "peak memory", "settings"), stages, (1, 2))
+    return _fold("How these tables came about", f"<dl>{listed}</dl>{listed_stages}")
 
 
 def _judged(rows: Sequence[Row]) -> str:
@@ -85,7 +85,7 @@ def _judged(rows: Sequence[Row]) -> str:
         for row in rows
     )
     heads = ("metric with a limit", "channel", "value", "standard error", "unit", "limit", "", "verdict")
-    return _table(heads, body, (2, 3, 5))
+    return html_table(heads, body, (2, 3, 5))
 
 
 def _by_channel(stage: str, rows: Sequence[Row]) -> str:
@@ -112,7 +112,7 @@ def _matrix(stage: str, stream: str, rows: Sequence[Row]) -> str:
     )
     title = f"{stage} of {stream}" if stream else stage
     heads = (title, "unit", *(channel.removeprefix(f"{stream}.") for channel in channels))
-    return _table(heads, body, tuple(range(2, len(heads))), "matrix")
+    return html_table(heads, body, tuple(range(2, len(heads))), "matrix")
 
 
 def _cell(row: Row | None) -> str:
@@ -135,7 +135,7 @@ def _finding_table(rows: Sequence[dict[str, Any]], clock: Clock | None) -> str:
         for row in rows
     )
     heads = ("severity", "kind", "where", "from [s]", "to [s]", "count", "detail")
-    return _table(heads, body, (3, 4, 5))
+    return html_table(heads, body, (3, 4, 5))
 
 
 def _place(row: dict[str, Any]) -> str:
@@ -146,7 +146,8 @@ def _seconds(time: int | None, clock: Clock | None) -> str:
     return "–" if time is None or clock is None else number(round((time - clock.origin) * 1e-9, 9))
 
 
-def _table(heads: Sequence[str], body: str, numeric: Sequence[int], look: str = "list") -> str:
+def html_table(heads: Sequence[str], body: str, numeric: Sequence[int], look: str = "list") -> str:
+    """A table of words: its heads, the rows as HTML, and which columns are of numbers."""
     columns = "".join(
         f"<th scope=col{' class=num' if i in numeric else ''}>{escape(head)}</th>"
         for i, head in enumerate(heads)

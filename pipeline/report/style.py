@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from bokeh.core import properties
 from bokeh.layouts import gridplot
 from bokeh.models import (
+    Axis,
     BasicTicker,
     BoxZoomTool,
     ColumnDataSource,
+    DataRange1d,
     GridPlot,
     HoverTool,
+    LinearAxis,
     PanTool,
     PlainText,
     Range1d,
@@ -34,8 +38,8 @@ SEVERITY = {"error": "#b3261e", "warning": "#c77700", "info": "#5b7083"}
 COLUMNS = 1200
 """Columns of pixels to which a curve is thinned: the width of the page."""
 
-_FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'DejaVu Sans', Arial, sans-serif"
-_INK, _GRID = "#3d4450", "#e8ebef"
+FONT = "system-ui, 'Segoe UI', Roboto, 'Helvetica Neue', 'DejaVu Sans', Arial, sans-serif"
+INK, _GRID = "#3d4450", "#e8ebef"
 
 
 Drawn: TypeAlias = "GlyphRenderer[Any]"
@@ -93,6 +97,18 @@ def panel(
     return made
 
 
+def plane(x_label: str, y_label: str, *, height: int, equal: bool) -> figure:
+    """An empty figure of two like quantities, with zoom along both; ``equal`` gives them one scale."""
+    made = panel(y_label, span(0.0, 1.0), height=height, x_label=x_label, ticks=6)
+    made.x_range = DataRange1d(range_padding=0.06)
+    made.match_aspect = equal
+    zoom = BoxZoomTool(match_aspect=equal)
+    made.tools = [PanTool(), zoom, WheelZoomTool(), ResetTool(), SaveTool()]
+    made.toolbar.active_drag = zoom
+    made.yaxis.ticker = BasicTicker(desired_num_ticks=6)
+    return made
+
+
 def curve(
     made: figure,
     time: NDArray[np.float64],
@@ -102,9 +118,10 @@ def curve(
     gap: float = np.inf,
     width: float = 1.3,
     dash: str = "solid",
+    columns: int = COLUMNS,
 ) -> Drawn:
-    """Draw a curve, thinned to the page; ``gap`` as in `decimate.min_max`."""
-    x, y = min_max(time, value, COLUMNS, gap)
+    """Draw a curve, thinned to the page or to fewer columns of pixels; ``gap`` as in `decimate.min_max`."""
+    x, y = min_max(time, value, columns, gap)
     return made.line(
         "x",
         "y",
@@ -137,20 +154,65 @@ def marker(made: figure, time: float, word: str) -> None:
             y_units="screen",
             x_offset=6,
             text=plain(word),
-            text_font=_FONT,
+            text_font=FONT,
             text_font_size="12px",
-            text_color=_INK,
+            text_color=INK,
         )
+    )
+
+
+def rows(made: figure, left: Sequence[str], right: Sequence[str] = ()) -> None:
+    """Rows of a panel instead of a vertical scale, from the top down, with words at either side."""
+    made.y_range = span(len(left) - 0.4, -0.6)
+    made.ygrid.grid_line_color = None
+    made.yaxis.axis_label = None
+    made.yaxis.major_label_overrides = {i: plain(word) for i, word in enumerate(left)}
+    if right:
+        axis = LinearAxis(major_label_overrides={i: plain(word) for i, word in enumerate(right)})
+        made.add_layout(axis, "right")
+        _dress_axis(axis)
+        axis.major_tick_out = 0
+        axis.major_label_text_font_size = "12px"
+    made.yaxis.ticker = list(range(len(left)))
+
+
+def words(
+    made: figure,
+    source: ColumnDataSource,
+    x: str,
+    y: str,
+    text: str,
+    *,
+    colour: str = INK,
+    align: Literal["left", "center", "right"] = "left",
+    drop: int = 0,
+) -> Drawn:
+    """Words of a column, shown as they are, at points of a panel: from them on, centred, or up to them.
+
+    ``drop`` shifts them down by pixels.
+    """
+    return made.text(
+        x,
+        y,
+        text=text,
+        source=source,
+        text_font=properties.value(FONT),
+        text_font_size="12px",
+        text_color=colour,
+        text_baseline="middle",
+        text_align=align,
+        x_offset={"left": 9, "center": 0, "right": -9}[align],
+        y_offset=drop,
     )
 
 
 def heading(made: figure, word: str) -> None:
     """A few words above a panel."""
     made.add_layout(
-        Title(text=plain(word), text_font=_FONT, text_font_size="13px", text_color=_INK, align="center"),
+        Title(text=plain(word), text_font=FONT, text_font_size="13px", text_color=INK, align="center"),
         "above",
     )
-    _make_room(made, 22)
+    make_room(made, 22)
 
 
 def legend(made: figure, items: Sequence[tuple[str, Sequence[Drawn]]]) -> None:
@@ -163,16 +225,16 @@ def legend(made: figure, items: Sequence[tuple[str, Sequence[Drawn]]]) -> None:
             location="left",
             border_line_color=None,
             background_fill_color=None,
-            label_text_font=_FONT,
+            label_text_font=FONT,
             label_text_font_size="13px",
-            label_text_color=_INK,
+            label_text_color=INK,
             glyph_width=26,
             spacing=18,
             margin=2,
         ),
         "above",
     )
-    _make_room(made, 30)
+    make_room(made, 30)
 
 
 def grid(rows: Sequence[Sequence[figure | None]]) -> GridPlot:
@@ -197,23 +259,27 @@ def _source(x: NDArray[np.float64], y: NDArray[np.float64]) -> ColumnDataSource:
     return ColumnDataSource({"x": x, "y": y})
 
 
-def _make_room(made: figure, pixels: int) -> None:
+def make_room(made: figure, pixels: int) -> None:
     """Let what stands above the frame take nothing from it."""
     made.height = (made.height or 0) + pixels
 
 
 def _dress(made: figure) -> None:
     for axis in (*made.xaxis, *made.yaxis):
-        axis.axis_label_text_font = axis.major_label_text_font = _FONT
-        axis.axis_label_text_font_size = "13px"
-        axis.axis_label_text_font_style = "normal"
-        axis.axis_label_text_color = axis.major_label_text_color = _INK
-        axis.axis_line_color = None
-        axis.minor_tick_line_color = None
-        axis.major_tick_line_color = "#9aa1ac"
-        axis.major_tick_in = 0
-        axis.major_tick_out = 4
+        _dress_axis(axis)
     made.yaxis.major_label_text_font_size = "12px"
     if made.xaxis.axis_label is not None:
         made.xaxis.major_label_text_font_size = "12px"
     made.grid.grid_line_color = _GRID
+
+
+def _dress_axis(axis: Axis) -> None:
+    axis.axis_label_text_font = axis.major_label_text_font = FONT
+    axis.axis_label_text_font_size = "13px"
+    axis.axis_label_text_font_style = "normal"
+    axis.axis_label_text_color = axis.major_label_text_color = INK
+    axis.axis_line_color = None
+    axis.minor_tick_line_color = None
+    axis.major_tick_line_color = "#9aa1ac"
+    axis.major_tick_in = 0
+    axis.major_tick_out = 4

@@ -1,13 +1,11 @@
 """Recordings of a vibration stand, with known truth, in every format.
 
 The motion is that of `pipeline.models.coning`; what is wrong with the record is stated in
-`pipeline.simulate.imperfections`. Beside the recording ``run.mcap`` go its test plan ``run.toml`` and its
-truth ``run.truth.json``: the settings, the seed, and where each fault was put.
+`pipeline.simulate.imperfections`. The files are those of `pipeline.simulate.recording`.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import formats
-from pipeline.errors import writing
 from pipeline.models.coning import ConingMotion, Motion, SmoothConing
 from pipeline.numerics.rotation import (
     euler_krylov_from_quaternion,
@@ -32,24 +28,16 @@ from pipeline.simulate.imperfections import (
     check_errors,
     even_instants,
     generator,
-    nanoseconds,
     require,
-    samples_at,
     sampling_instants,
     spoil,
-    within,
 )
 from pipeline.simulate.plan import Processing, paper_stages, plan_text
+from pipeline.simulate.recording import START, recorded_as_text, transmitted, write_recording
 from pipeline.simulate.streams import AngleUnit, Recorded, RecordedStream, as_columns, as_messages
 
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
-
-SUFFIXES = (".mcap", ".bag", "", ".csv")
-"""How the name of a simulated recording may end: MCAP, ROS 1 bag, ROS 2 bag with db3 storage, text."""
-
-START = 1_767_225_600_000_000_000
-"""2026-01-01T00:00:00Z in nanoseconds of Unix time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,8 +178,8 @@ class SimulatedConing:
         Parameters
         ----------
         path : Path
-            The recording, in the format that the name's end asks for, see `SUFFIXES`: a file, or for db3 a
-            folder that is not there yet.
+            The recording, in the format that the name's end asks for, see
+            `pipeline.simulate.recording.SUFFIXES`: a file, or for db3 a folder that is not there yet.
         processing : Processing, optional
             Title, settings of the stages and limits for the test plan; by default as in the paper, on a grid
             as fine as the reference, without limits.
@@ -209,24 +197,12 @@ class SimulatedConing:
         pipeline.formats.base.RecordingError
             If it cannot be written.
         """
-        if path.suffix not in SUFFIXES:
-            raise SimulationError(
-                str(path),
-                expected="a name that ends in .mcap, .bag or .csv, or has no suffix (a ROS 2 bag, db3)",
-                found=repr(path.suffix),
-                remedy="rename the recording",
-            )
-        streams = self.streams(text=path.suffix == ".csv", angle_unit=angle_unit)
-        plan, truth = path.with_suffix(".toml"), path.with_suffix(".truth.json")
+        text = recorded_as_text(path)
+        streams = self.streams(text=text, angle_unit=angle_unit)
         if processing is None:
             finer = max(1, round(self.settings.reference_rate / self.settings.rate))
             processing = Processing(stages=paper_stages(finer))
-        with writing(path, SimulationError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            formats.write(path, [stream.series for stream in streams])
-            plan.write_text(plan_text(streams, processing), encoding="utf-8")
-            truth.write_text(json.dumps(self.truth, indent=2) + "\n", encoding="utf-8")
-        return path, plan, truth
+        return write_recording(path, streams, plan_text("coning", streams, processing), self.truth)
 
 
 def simulate_coning(settings: ConingSettings, seed: int = 0) -> SimulatedConing:
@@ -287,32 +263,4 @@ def _gyro(settings: ConingSettings, motion: Motion, seed: int) -> tuple[Recorded
     exact = motion.rates(t) if settings.output == "angular_rate" else motion.increments(before, t)
     body_from_gyro = matrix_from_quaternion(quaternion_from_rotation_vector(settings.gyro.mounting))
     values = spoil(exact @ body_from_gyro, t - before, settings.output, settings.gyro, seed)
-    bursts = within(timing.nan_bursts, seconds)
-    values[bursts] = np.nan
-
-    true = settings.start + instants
-    stamps = true + round(1e9 * timing.clock_offset)
-    stamps += nanoseconds(timing.stamp_noise * generator(seed, "stamp noise").standard_normal(count))
-    backward = samples_at(timing.backward_stamps, seconds, "backward_stamps")
-    stamps[backward] -= round(1.5e9 / settings.rate)
-
-    lost = within(timing.gaps, seconds)
-    repeated = samples_at(timing.repeated_samples, seconds, "repeated_samples")
-    order = np.sort(np.concatenate((np.flatnonzero(~lost), repeated[~lost[repeated]])))
-    faults = {
-        "lost": int(lost.sum()),
-        "nan": int((bursts & ~lost).sum()),
-        "backward_stamps": [int(stamps[i]) for i in backward if not lost[i]],
-        "repeated_stamps": [int(stamps[i]) for i in repeated if not lost[i]],
-        "gaps": [[int(true[a]), int(true[b])] for a, b in _edges(lost)],
-    }
-    late = np.abs(timing.log_jitter * generator(seed, "log jitter").standard_normal(count))
-    log_time = true + nanoseconds(timing.log_delay + late)
-    return Recorded(np.maximum.accumulate(log_time[order]), stamps[order], values[order]), faults
-
-
-def _edges(lost: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Last sample before and first after each run of lost samples, where there are both."""
-    change = np.flatnonzero(np.diff(lost.astype(np.int8)))
-    starts = [int(i) for i in change if not lost[i]]
-    return [(i, int(np.flatnonzero(~lost[i + 1 :])[0]) + i + 1) for i in starts if not lost[i + 1 :].all()]
+    return transmitted(instants, values, settings.rate, settings.start, timing, seed)

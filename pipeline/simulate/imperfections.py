@@ -1,4 +1,4 @@
-"""What is wrong with a simulated record: errors of the gyro, and of the stamps and the transport.
+"""What is wrong with a simulated record: errors of the gyro or the encoders, of the stamps and the transport.
 
 Each random effect has a generator of its own, `generator`, so that switching one on leaves the others as
 they were.
@@ -20,7 +20,11 @@ Time = NDArray[np.int64]
 Output = Literal["angular_rate", "angle_increment"]
 Span = tuple[float, float]
 
-_EFFECTS = ("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise")
+_EFFECTS = (
+    *("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise"),
+    *("encoder noise", "coloured encoder noise", "outliers"),
+)
+"""New ones go to the end: the place is part of the seed."""
 _MOST_JITTER = 0.45  # of a sample interval: the samples stay in their order
 _LONGEST = 1e9
 """Most of any time [s], some thirty years: its nanoseconds, and their sum with a date, fit into 64 bits."""
@@ -62,8 +66,33 @@ class GyroErrors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderErrors:
+    """Errors of the gimbal's encoders, in each angle by itself.
+
+    Attributes
+    ----------
+    white_noise : float
+        Standard deviation of white noise on each sample [rad].
+    coloured_noise : float
+        Standard deviation of a first-order Gauss-Markov process [rad].
+    correlation_time : float
+        In which its autocorrelation falls to 1/e [s].
+    outlier_share : float
+        Of the samples that are outliers, each by chance and for both angles.
+    outlier_size : float
+        Standard deviation of an outlier's error [rad].
+    """
+
+    white_noise: float = 0.0
+    coloured_noise: float = 0.0
+    correlation_time: float = 600.0
+    outlier_share: float = 0.0
+    outlier_size: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TimingErrors:
-    """Errors of the gyro's stamps and of its transport; instants in seconds from the record's start.
+    """Errors of the sensor's stamps and of its transport; instants in seconds from the record's start.
 
     Attributes
     ----------
@@ -132,9 +161,14 @@ def require(
             )
 
 
-def check_errors(errors: GyroErrors | TimingErrors) -> None:
+def check_errors(errors: GyroErrors | EncoderErrors | TimingErrors) -> None:
     """Raise a `SimulationError` if a value cannot be; bias, mounting and clock offset may be negative."""
-    if isinstance(errors, GyroErrors):
+    if isinstance(errors, EncoderErrors):
+        for name in ("white_noise", "coloured_noise", "outlier_size"):
+            require(errors, name)
+        require(errors, "correlation_time", above=True)
+        require(errors, "outlier_share", most=1.0)
+    elif isinstance(errors, GyroErrors):
         for name in ("white_noise", "white_angle_noise", "quantum"):
             require(errors, name)
         for name in ("bias", "mounting"):
@@ -199,6 +233,46 @@ def spoil(exact: Float, interval: Float, output: Output, errors: GyroErrors, see
         return errors.quantum * np.rint(spoilt / errors.quantum)
     counts = np.rint(np.cumsum(spoilt, axis=0) / errors.quantum)
     return errors.quantum * np.diff(counts, axis=0, prepend=0.0)
+
+
+def encoder_noise(t: Float, errors: EncoderErrors, seed: int) -> tuple[Float, NDArray[np.bool_]]:
+    """What the encoders add to the angles, before they are quantised.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Instants of the samples, increasing [s].
+    errors : EncoderErrors
+        What is wrong.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    noise : ndarray, shape (n, 2)
+        Error of each angle [rad].
+    outliers : ndarray of bool, shape (n,)
+        Which samples are outliers.
+    """
+    shape = (len(t), 2)
+    noise = errors.white_noise * generator(seed, "encoder noise").standard_normal(shape)
+    if errors.coloured_noise:
+        drawn = generator(seed, "coloured encoder noise").standard_normal(shape)
+        noise += errors.coloured_noise * _gauss_markov(t, errors.correlation_time, drawn)
+    chance = generator(seed, "outliers")
+    outliers = chance.random(len(t)) < errors.outlier_share
+    noise[outliers] += errors.outlier_size * chance.standard_normal(shape)[outliers]
+    return noise, outliers
+
+
+def _gauss_markov(t: Float, correlation_time: float, drawn: Float) -> Float:
+    """Stationary process of unit variance, autocorrelation exp(-|dt|/T), from independent normal deviates."""
+    fall = np.exp(-np.diff(t) / correlation_time)
+    renewal = np.sqrt(1 - fall**2)[:, np.newaxis] * drawn[1:]
+    process = drawn.copy()
+    for j, kept in enumerate(fall.tolist()):
+        process[j + 1] = kept * process[j] + renewal[j]
+    return process
 
 
 def within(spans: Sequence[Span], t: Float) -> NDArray[np.bool_]:

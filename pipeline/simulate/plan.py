@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pipeline.formats.text import TIME_COLUMN
 from pipeline.simulate.streams import RecordedStream
 
-Value = str | int | float | bool
+Value = str | int | float | bool | Sequence[str] | Sequence[float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,9 +18,10 @@ class Limit:
 
     metric: str
     channel: str
-    upper: float
+    upper: float | None = None
     marginal_upper: float | None = None
     reason: str = ""
+    lower: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class Processing:
     stages : mapping
         Settings by stage; those left out have their defaults.
     limits : sequence of Limit
-        What the figures must not exceed.
+        What the figures must be.
     """
 
     title: str = "Simulated coning"
@@ -57,51 +58,76 @@ def paper_stages(oversampling: int) -> dict[str, Mapping[str, Value]]:
     }
 
 
-def plan_text(streams: Sequence[RecordedStream], processing: Processing) -> str:
+def plan_text(
+    procedure: str,
+    streams: Sequence[RecordedStream],
+    processing: Processing,
+    stand: Mapping[str, Value] | None = None,
+    runs: Sequence[Mapping[str, Value]] = (),
+) -> str:
     """The test plan, as TOML.
 
     Parameters
     ----------
+    procedure : str
+        Name of the procedure.
     streams : sequence of RecordedStream
         What was recorded.
     processing : Processing
         How it is to be processed.
+    stand : mapping, optional
+        What the plan says of the stand beside its name.
+    runs : sequence of mapping, optional
+        What it says of each run, where there are several.
     """
     text = not any(stream.topic for stream in streams)
     lines = [
         "# Test plan of a simulated recording; its truth is in the .truth.json beside it.",
-        'procedure = "coning"',
+        f"procedure = {_toml(procedure)}",
         f"title = {_toml(processing.title)}",
         "",
         "[stand]",
-        f"name = {_toml(processing.stand)}",
+        *_keys({"name": processing.stand} | dict(stand or {})),
         "",
         "[time]",
         *([f"field = {_toml(TIME_COLUMN)}", 'unit = "s"'] if text else ['clock = "header_stamp"']),
     ]
     for stream in streams:
-        lines += ["", f"[streams.{stream.name}]"]
-        if not text:
-            lines.append(f"topic = {_toml(stream.topic)}")
-        lines.append(f"quantity = {_toml(stream.quantity)}")
-        for channel, path in stream.fields.items():
-            lines.append(f"channels.{channel} = {{ field = {_toml(path)}, unit = {_toml(stream.unit)} }}")
+        lines += ["", *_stream(stream)]
+    for run in runs:
+        lines += ["", "[[runs]]", *_keys(run)]
     for stage, settings in processing.stages.items():
-        lines += ["", f"[{stage}]"]
-        lines += [f"{key} = {_toml(value)}" for key, value in settings.items()]
+        lines += ["", f"[{stage}]", *_keys(settings)]
     for limit in processing.limits:
-        lines += ["", f"# {limit.reason}"] if limit.reason else [""]
-        lines += [
-            "[[limits]]",
-            f"metric = {_toml(limit.metric)}",
-            f"channel = {_toml(limit.channel)}",
-            f"upper = {_toml(limit.upper)}",
-        ]
-        if limit.marginal_upper is not None:
-            lines.append(f"marginal_upper = {_toml(limit.marginal_upper)}")
+        lines += ["", *_limit(limit)]
     return "\n".join(lines) + "\n"
 
 
+def _stream(stream: RecordedStream) -> list[str]:
+    topic = [f"topic = {_toml(stream.topic)}"] if stream.topic else []
+    scale = "" if stream.scale == 1 else f", scale = {_toml(stream.scale)}"
+    wraps = "" if stream.wraps_at is None else f", wraps_at = {_toml(stream.wraps_at)}"
+    channels = [
+        f"channels.{channel} = {{ field = {_toml(path)}, unit = {_toml(stream.unit)}{scale}{wraps} }}"
+        for channel, path in stream.fields.items()
+    ]
+    return [f"[streams.{stream.name}]", *topic, f"quantity = {_toml(stream.quantity)}", *channels]
+
+
+def _limit(limit: Limit) -> list[str]:
+    bounds = {"lower": limit.lower, "upper": limit.upper, "marginal_upper": limit.marginal_upper}
+    return [
+        *([f"# {limit.reason}"] if limit.reason else []),
+        "[[limits]]",
+        *_keys({"metric": limit.metric, "channel": limit.channel}),
+        *_keys({key: bound for key, bound in bounds.items() if bound is not None}),
+    ]
+
+
+def _keys(values: Mapping[str, Value]) -> list[str]:
+    return [f"{key} = {_toml(value)}" for key, value in values.items()]
+
+
 def _toml(value: Value) -> str:
-    """A TOML value: JSON's strings, booleans and numbers are TOML's."""
+    """A TOML value: JSON's strings, booleans, numbers and lists are TOML's."""
     return json.dumps(value, ensure_ascii=False)

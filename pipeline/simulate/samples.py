@@ -1,6 +1,6 @@
-"""The project's sample recordings, one in each format, with their test plans and truth.
+"""The project's sample recordings, in all formats, with their test plans and truth.
 
-`write_samples` makes them anew, byte for byte. What each is for:
+`write_samples` makes them anew, byte for byte. What each is for, of the procedure `coning`:
 
 ``godorov.mcap``
     The experiment of Godorov & Lutmanov (2016), sections 3 and 4, free of errors, processed as there.
@@ -10,6 +10,17 @@
     Their section 5: a smooth roll on which the vibration sets in half-way (ROS 2 bag folder, db3).
 ``vibration.csv``
     Another stand: a smaller and slower cone, a gyro of coarse resolution, degrees, harmonic interpolation.
+
+Of the procedure `drift`, one in each mounting scheme of Gubarenko & Kuzmenko (1995), with noise of 1 arcsec:
+
+``polar.mcap``
+    A day that determines all that one run can.
+``equatorial``
+    Two runs of one gyro, half a day each from alpha2 = 0 and 0.8: what neither tells alone (db3 folder).
+``horizontal.bag``
+    A day with a gap, a burst of NaN and outliers.
+``vertical.csv``
+    Counts of encoders of one arcsec, which begin again at 0 after a turn.
 """
 
 from __future__ import annotations
@@ -21,8 +32,11 @@ from math import radians
 from pathlib import Path
 from types import MappingProxyType
 
+from pipeline.models.gyro_drift import DRIFT
 from pipeline.simulate.coning import ConingSettings, simulate_coning
-from pipeline.simulate.imperfections import GyroErrors, TimingErrors
+from pipeline.simulate.drift import simulate_drift
+from pipeline.simulate.drift_settings import DriftRun, DriftSettings, Encoder
+from pipeline.simulate.imperfections import EncoderErrors, GyroErrors, TimingErrors
 from pipeline.simulate.plan import Limit, Processing, paper_stages
 from pipeline.simulate.streams import AngleUnit
 
@@ -31,10 +45,54 @@ from pipeline.simulate.streams import AngleUnit
 class Sample:
     """One sample recording: what is simulated, with which seed, and how it is to be processed."""
 
-    settings: ConingSettings
+    settings: ConingSettings | DriftSettings
     processing: Processing
     seed: int = 0
     angle_unit: AngleUnit = "rad"
+
+    def write(self, path: Path) -> None:
+        """Write it, with its test plan and its truth."""
+        if isinstance(self.settings, DriftSettings):
+            simulate_drift(self.settings, self.seed).write(path, processing=self.processing)
+        else:
+            simulated = simulate_coning(self.settings, self.seed)
+            simulated.write(path, processing=self.processing, angle_unit=self.angle_unit)
+
+
+_ARCSEC, _ARCMIN = radians(1 / 3600), radians(1 / 60)
+_GIMBAL_STAND = "simulated gimbal stand"
+_STANDING = (0.8 * _ARCMIN, -0.6 * _ARCMIN, 0.5 * _ARCMIN)
+"""Misalignment Delta chi of the base."""
+
+
+def _gyro(
+    *runs: DriftRun,
+    encoder: Encoder = Encoder(),  # noqa: B008 - it is immutable
+    outlier_share: float = 0.0,
+    timing: TimingErrors = TimingErrors(),  # noqa: B008 - it is immutable
+) -> DriftSettings:
+    """One gyro, the same in all samples, sampled each minute with noise of an arcsec."""
+    return DriftSettings(
+        m=(0.004, -0.002, 0.003, 0.0015, -0.001, 0.002),
+        theta=(6 * _ARCMIN, -4 * _ARCMIN),
+        runs=runs,
+        interval=60.0,
+        encoder=encoder,
+        errors=EncoderErrors(white_noise=_ARCSEC, outlier_share=outlier_share, outlier_size=30 * _ARCSEC),
+        timing=timing,
+    )
+
+
+def _acceptance(undetermined: float = 0.0) -> tuple[Limit, ...]:
+    """Limits of a run: that the model holds, what is told, and what the gyro's specification may be."""
+    method = "gauss_newton"
+    return (
+        Limit("noise_level", "gimbal", 1.2, None, "arcsec; that of the encoders is 1, of their counts 0.3"),
+        Limit("residual_rms", method, 1.2, None, "arcsec"),
+        Limit("hold_out_rms", method, 1.5, None, "arcsec; the last part of a run, from what came before"),
+        Limit("undetermined_count", "gimbal", undetermined, None, "parameters that the runs cannot tell"),
+        *(Limit(name, method, 0.1, None, "deg/h; the gyro's specification", lower=-0.1) for name in DRIFT),
+    )
 
 
 SAMPLES: Mapping[str, Sample] = MappingProxyType(
@@ -124,6 +182,49 @@ SAMPLES: Mapping[str, Sample] = MappingProxyType(
             ),
             angle_unit="deg",
         ),
+        "polar.mcap": Sample(
+            _gyro(DriftRun(scheme="polar", start=(0.6, 0.5), misalignment=_STANDING)),
+            Processing("Polar scheme, a day", _GIMBAL_STAND, {}, _acceptance()),
+            seed=1,
+        ),
+        "equatorial": Sample(
+            _gyro(
+                DriftRun(
+                    name="inner axis at 0", scheme="equatorial", misalignment=_STANDING, duration=43_200.0
+                ),
+                DriftRun(
+                    name="inner axis at 0.8 rad",
+                    scheme="equatorial",
+                    start=(0.0, 0.8),
+                    misalignment=(-0.4 * _ARCMIN, 0.9 * _ARCMIN, -0.7 * _ARCMIN),
+                    duration=43_200.0,
+                ),
+            ),
+            Processing("Equatorial scheme, two runs", _GIMBAL_STAND, {}, _acceptance(undetermined=2.0)),
+            seed=2,
+        ),
+        "horizontal.bag": Sample(
+            _gyro(
+                DriftRun(scheme="horizontal", misalignment=_STANDING),
+                outlier_share=0.005,
+                timing=TimingErrors(
+                    gaps=((30_000.0, 1200.0),),
+                    nan_bursts=((60_000.0, 300.0),),
+                    log_delay=0.1,
+                    log_jitter=0.02,
+                ),
+            ),
+            Processing("Horizontal scheme, with a gap and outliers", _GIMBAL_STAND, {}, _acceptance()),
+            seed=3,
+        ),
+        "vertical.csv": Sample(
+            _gyro(
+                DriftRun(scheme="vertical", start=(0.5, -0.5), misalignment=_STANDING),
+                encoder=Encoder(counts=1_296_000, as_counts=True, unit="deg", wrapped=True),
+            ),
+            Processing("Vertical scheme, encoder counts", _GIMBAL_STAND, {}, _acceptance()),
+            seed=4,
+        ),
     }
 )
 """The sample recordings, by the recording's name."""
@@ -147,7 +248,6 @@ def write_samples(folder: Path) -> list[Path]:
         path = folder / name
         if path.is_dir():
             shutil.rmtree(path)
-        simulated = simulate_coning(sample.settings, sample.seed)
-        simulated.write(path, processing=sample.processing, angle_unit=sample.angle_unit)
+        sample.write(path)
         written.append(path)
     return written

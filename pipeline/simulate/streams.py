@@ -15,6 +15,8 @@ from pipeline.formats.base import Series
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 AngleUnit = Literal["rad", "deg"]
+COUNTS = "counts"
+"""In the column's name of a text file, of an encoder that gives whole counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,8 @@ _COLUMNS: Mapping[str, tuple[tuple[str, str, str], str]] = MappingProxyType(
     }
 )
 """The columns of a quantity in a text file, and what their unit has after that of the angle."""
+_GIMBAL = ("vector.x", "vector.y")
+"""Where a message carries alpha1 and alpha2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +79,13 @@ class RecordedStream:
     fields : mapping of str to str
         Field, or column of a text file, of each channel.
     unit : str
-        Unit of the channels.
+        Unit of the channels, after the scale.
     series : Series
         What is written.
+    scale : float
+        Units a count.
+    wraps_at : float, optional
+        Value at which the channels begin again at 0, before the scale; None: nowhere.
     """
 
     name: str
@@ -86,6 +94,8 @@ class RecordedStream:
     fields: Mapping[str, str]
     unit: str
     series: Series
+    scale: float = 1.0
+    wraps_at: float | None = None
 
 
 def as_messages(name: str, quantity: str, recorded: Recorded) -> RecordedStream:
@@ -115,3 +125,37 @@ def as_columns(name: str, quantity: str, recorded: Recorded, angle_unit: AngleUn
         columns={path: values[:, k] for k, path in enumerate(fields.values())},
     )
     return RecordedStream(name, quantity, "", fields, unit, series)
+
+
+def gimbal(
+    recorded: Recorded, unit: AngleUnit, *, text: bool, counts: int | None, wraps_at: float | None
+) -> RecordedStream:
+    """The gimbal angles as their encoders give them.
+
+    Parameters
+    ----------
+    recorded : Recorded
+        Clocks and alpha1, alpha2, in the unit or in counts.
+    unit : {"rad", "deg"}
+        Unit of an angle.
+    text : bool
+        For a text file: columns; else ROS messages.
+    counts : int, optional
+        Counts a turn, where the values are counts.
+    wraps_at : float, optional
+        Value at which they begin again at 0.
+    """
+    channels = ("alpha1", "alpha2")
+    paths = [f"{c} {COUNTS}" if counts else f"{c} ({unit})" for c in channels] if text else _GIMBAL
+    fields = dict(zip(channels, paths, strict=True))
+    series = Series(
+        topic="/gimbal",
+        message_type="" if text else "geometry_msgs/msg/Vector3Stamped",
+        log_time=recorded.log_time,
+        header_stamp=recorded.header_stamp,
+        columns={path: recorded.values[:, k] for k, path in enumerate(paths)},
+    )
+    topic = "" if text else series.topic
+    turn = 360.0 if unit == "deg" else 2 * np.pi
+    scale = turn / counts if counts else 1.0
+    return RecordedStream("gimbal", "gimbal_angles", topic, fields, unit, series, scale, wraps_at)

@@ -25,6 +25,8 @@ class StreamReport:
     """Stamps of the record [ns], shape (n,), as recorded."""
     most_rows: int
     """Findings of one kind in one channel; the rest are summed."""
+    about: str = ""
+    """What every sentence begins with: the run, where there are several."""
     findings: list[Row] = field(default_factory=list)
     metrics: list[Row] = field(default_factory=list)
 
@@ -41,7 +43,7 @@ class StreamReport:
         ends = (int(self.time.min()), int(self.time.max())) if len(self.time) else (None, None)
         self.findings.append(
             finding(
-                "audit", self.stream, kind, severity, detail,
+                "audit", self.stream, kind, severity, self.about + detail,
                 channel=channel, start=ends[0], end=ends[1], count=len(self.time) if count is None else count,
             )
         )  # fmt: skip
@@ -94,7 +96,7 @@ class StreamReport:
             ends = self.time[[found.start[i], found.stop[i] - 1]]
             self.findings.append(
                 finding(
-                    "audit", self.stream, kind, severity, detail(int(i)),
+                    "audit", self.stream, kind, severity, self.about + detail(int(i)),
                     channel=channel, start=int(ends.min()), end=int(ends.max()), count=int(counts[i]),
                 )
             )  # fmt: skip
@@ -110,7 +112,7 @@ class StreamReport:
         self.findings.append(
             finding(
                 "audit", self.stream, kind, severity,
-                f"{len(rest)} more, {counted(total, 'sample')} together, none with more than "
+                f"{self.about}{len(rest)} more, {counted(total, 'sample')} together, none with more than "
                 f"{counts[rest].max()}",
                 channel=channel, start=int(ends.min()), end=int(ends.max()), count=total,
             )

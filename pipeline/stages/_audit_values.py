@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.numerics.sample_faults import clipped_runs, frozen_runs, spikes, usual_hold
 from pipeline.numerics.sampling import Intervals, Runs, runs
+from pipeline.numerics.steps import stuck_runs
 from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_units import Comparison
 from pipeline.stages.base import counted
@@ -17,6 +18,12 @@ from pipeline.stages.base import counted
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Bool = NDArray[np.bool_]
+
+
+_ANGLES = ("reference", "gimbal")
+"""Streams of angles: they wrap, and one of them may rest."""
+
+_TOO_LONG = "far longer than the signal elsewhere"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,20 +59,23 @@ def audit_values(
     finite = {name: np.isfinite(values) for name, values in channels.items()}
     _mark_not_finite(report, finite)
     _say_silent_channels(report, channels, finite)
-    _say_held(report, channels, finite, regular)
+    if report.stream != "gimbal":  # an encoder holds a slow angle, by its quantum
+        _say_held(report, channels, finite, regular)
     clipped, spiking = {}, {}
     for name, values in channels.items():
         index = np.flatnonzero(finite[name])
-        # A reference's angles jump by whole turns at ±pi, which is no spike; and an attitude has no rail.
-        attitude = report.stream == "reference"
-        sound = np.unwrap(values[index]) if attitude else values[index]
+        # Angles jump by whole turns at ±pi, which is no spike; and an attitude has no rail.
+        sound = np.unwrap(values[index]) if report.stream in _ANGLES else values[index]
         clipped[name] = (
             np.zeros(len(values), dtype=np.bool_)
-            if attitude
+            if report.stream == "reference"
             else _mark_clipped(report, name, index, sound, thresholds.clipped_samples)
         )
         spiking[name] = _mark_spikes(report, name, index, sound, thresholds.spike_factor)
-    frozen = _mark_frozen(report, channels, finite, clipped, thresholds.frozen_samples, comparison)
+    if report.stream == "gimbal":
+        frozen = _mark_stuck(report, channels, finite, thresholds.frozen_samples)
+    else:
+        frozen = _mark_frozen(report, channels, finite, clipped, thresholds.frozen_samples, comparison)
     for kind, masks in (("clipped", clipped), ("spike", spiking), ("frozen", frozen)):
         _count(report, f"{kind}_count", masks)
 
@@ -118,11 +128,27 @@ def _say_silent_channels(
         report.say("constant", "warning", f"no channel ever changes: {values}")
         return
     for name, value in held.items():
-        if value == 0 and report.stream != "reference":
+        if value == 0 and report.stream not in _ANGLES:
             text = f"zero throughout, while {', '.join(alive)} move"
             report.say("missing channel", "error", text, channel=name)
         else:
             report.say("constant", "info", f"{value:.6g} throughout", channel=name)
+
+
+def _mark_stuck(
+    report: StreamReport, channels: Mapping[str, Float], finite: Mapping[str, Bool], minimum: int
+) -> dict[str, Bool]:
+    """Gimbal angles that hold their value while they should turn.
+
+    Each angle by itself: one may well rest, and a coarse encoder holds a slow angle for many samples.
+    """
+    masks = {}
+    for name, values in channels.items():
+        index = np.flatnonzero(finite[name])
+        found = _in_record(stuck_runs(np.unwrap(values[index]), minimum), index)
+        _mark_hold(report, "frozen", found, name, "though it turns before and after")
+        masks[name] = _mask(found, len(report.time))
+    return masks
 
 
 def _mark_frozen(
@@ -145,7 +171,7 @@ def _mark_frozen(
         known = held | explained[name]
         alone = [not known[a:b].all() for a, b in zip(found.start, found.stop, strict=True)]
         found = _some(found, np.array(alone, dtype=np.bool_) & (report.stream != "reference"))
-        _mark_hold(report, "frozen", found, name)
+        _mark_hold(report, "frozen", found, name, _TOO_LONG)
         masks[name] = frozen | _mask(found, len(report.time))
     return masks
 
@@ -169,15 +195,14 @@ def _mark_held_together(
         for first, last, at in ends
     ]
     steady = np.array(confirmed, dtype=np.bool_)
-    _mark_hold(report, "steady", _some(found, steady), None)
-    _mark_hold(report, "frozen", _some(found, ~steady), None)
+    _mark_hold(report, "steady", _some(found, steady), None, "as the reference does")
+    _mark_hold(report, "frozen", _some(found, ~steady), None, _TOO_LONG)
     count = len(report.time)
     return _mask(found, count), _mask(_some(found, ~steady), count)
 
 
-def _mark_hold(report: StreamReport, kind: str, found: Runs, channel: str | None) -> None:
+def _mark_hold(report: StreamReport, kind: str, found: Runs, channel: str | None, why: str) -> None:
     which = "all channels hold their values" if channel is None else f"{channel} holds its value"
-    why = "as the reference does" if kind == "steady" else "far longer than the signal elsewhere"
     report.mark(
         kind,
         "info" if kind == "steady" else "warning",

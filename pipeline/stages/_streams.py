@@ -21,6 +21,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "gyro": ("p", "q", "r"),
         "gyro_increments": ("increment_p", "increment_q", "increment_r"),
         "reference": ANGLES,
+        "gimbal": ("alpha1", "alpha2"),
     }
 )
 """The channels of each stream table."""
@@ -36,7 +37,7 @@ MARGIN = 8
 
 
 def channels(table: pa.Table, stream: str) -> NDArray[np.float64]:
-    """The channels of a stream, shape (n, 3)."""
+    """The channels of a stream, shape (n, k)."""
     return np.stack([table.column(name).to_numpy() for name in CHANNELS[stream]], axis=1)
 
 

@@ -8,11 +8,12 @@ Severity
 --------
 error
     The stream cannot serve: fewer than two samples, a channel without any finite value, a unit that
-    the reference contradicts.
+    the reference, or the Earth rate that gimbal angles imply, contradicts, an inner gimbal at 90 degrees.
 warning
     Samples that a later stage leaves out, bridges or takes at face value though they may be wrong: gaps,
     stamps that do not advance, batches, jitter, NaN, frozen, clipped and spiking samples, a channel that is
-    zero while others move, a rate that no gyro reaches, clocks that drift or jump.
+    zero while others move, a rate that no gyro reaches, gimbal angles that do not turn with the Earth, clocks
+    that drift or jump.
 info
     What is worth knowing and needs no treatment: how clocks differ, a clock that stands still, a channel of
     one value, values held over several samples, a steady stretch that the reference confirms.
@@ -24,17 +25,22 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
+from pipeline.stages._audit_gimbal import audit_earth_rate, of_all_runs
 from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_attitude, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_values
+from pipeline.stages._gimbal_samples import gimbal_runs
 from pipeline.stages._streams import CHANNELS, channels
 from pipeline.stages.base import ANGLES, Severity, Stand, Tables, counted, rows
 from pipeline.stages.base import Settings as _Settings
 
 CONSUMES: tuple[str, ...] = ()
-MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference")
+MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference", "gimbal", "runs")
 PRODUCES: tuple[str, ...] = ("findings", "metrics")
+_STREAMS = ("gyro", "gyro_increments", "reference")
+"""One stream a table; of ``gimbal`` each run is one."""
+
 METRICS = (
     "sample_count",
     "sample_rate",
@@ -52,6 +58,7 @@ METRICS = (
     "clipped_count",
     "spike_count",
     "rotation_ratio",
+    "implied_earth_rate",
     "error_count",
     "warning_count",
 )
@@ -104,25 +111,43 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     with np.errstate(over="ignore", invalid="ignore"):
         comparison = compare(tables)
         reports = [
-            _audit(tables[stream], stream, settings, comparison) for stream in MAY_CONSUME if stream in tables
+            _marked(tables[stream], stream, settings, comparison) for stream in _STREAMS if stream in tables
         ]
+        if "gimbal" in tables and "runs" in tables:
+            reports.append(_gimbal(tables["gimbal"], tables["runs"], settings))
+    for report in reports:
+        _count_findings(report)
     return {
         "findings": rows("findings", [row for report in reports for row in report.findings]),
         "metrics": rows("metrics", [row for report in reports for row in report.metrics]),
     }
 
 
-def _audit(table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None) -> StreamReport:
-    """Everything about one stream."""
-    report = _marked(table, stream, settings, comparison)
+def _gimbal(table: pa.Table, runs: pa.Table, settings: Settings) -> StreamReport:
+    """Every run of ``gimbal`` by itself, in one report: what lies between two runs is no gap."""
+    reports = []
+    for run in gimbal_runs(table, runs):
+        about = f"run {run.name!r}: " if runs.num_rows > 1 else ""
+        report = _marked(run.table, "gimbal", settings, None, about)
+        audit_earth_rate(report, run)
+        reports.append(report)
+    whole = StreamReport("gimbal", table.column("time").to_numpy(), settings.max_rows)
+    whole.findings = [row for report in reports for row in report.findings]
+    whole.metrics = of_all_runs(reports)
+    return whole
+
+
+def _count_findings(report: StreamReport) -> None:
     for severity in ("error", "warning"):
         found = sum(row["severity"] == severity for row in report.findings)
         report.figure(f"{severity}_count", found)
-    return report
 
 
-def _marked(table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None) -> StreamReport:
-    report = StreamReport(stream, table.column("time").to_numpy(), settings.max_rows)
+def _marked(
+    table: pa.Table, stream: str, settings: Settings, comparison: Comparison | None, about: str = ""
+) -> StreamReport:
+    """Everything about the time and the values of one stream."""
+    report = StreamReport(stream, table.column("time").to_numpy(), settings.max_rows, about)
     report.figure("sample_count", table.num_rows)
     if table.num_rows < settings.min_samples:
         severity: Severity = "error" if table.num_rows < 2 else "warning"
@@ -141,7 +166,7 @@ def _marked(table: pa.Table, stream: str, settings: Settings, comparison: Compar
     )
     if stream == "reference":
         audit_attitude(report, values[:, ANGLES.index("theta")])
-    else:
+    elif stream != "gimbal":
         audit_units(
             report, values[np.isfinite(values).all(axis=1)], regular, comparison, settings.max_plausible_rate
         )

@@ -17,14 +17,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, Self, get_args
 
 import numpy as np
 import pyarrow as pa
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from pipeline import contracts
 from pipeline.errors import ExitCode, GyrostandError
+from pipeline.models.earth import Scheme
+from pipeline.plan_faults import Fault, refuse
 
 Tables = Mapping[str, pa.Table]
 Severity = Literal["info", "warning", "error"]
@@ -49,13 +51,30 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Stand(Settings):
-    """The stand on which the recording was made; common to all procedures."""
+class Mounting(Settings):
+    """Where on the Earth a base stands, and how it is turned."""
 
-    name: str = Field("", description="what the laboratory calls the stand")
     latitude_deg: float | None = Field(
         None, ge=-90, le=90, description="geodetic latitude of the stand, degrees north"
     )
+    scheme: Scheme | None = Field(None, description="how the base of a gimbal is mounted")
+    chi_deg: tuple[float, float, float] | None = Field(
+        None,
+        description="angles chi1, chi2, chi3 of the base against (East, North, Up), in place of a scheme, "
+        "degrees",
+    )
+
+    @model_validator(mode="after")
+    def _is_mounted_one_way(self) -> Self:
+        if self.scheme is not None and self.chi_deg is not None:
+            refuse([Fault(("chi_deg",), "one of scheme and chi_deg", "both", "keep the one that is meant")])
+        return self
+
+
+class Stand(Mounting):
+    """The stand on which the recording was made; common to all procedures."""
+
+    name: str = Field("", description="what the laboratory calls the stand")
     returns_to_start: bool = Field(
         False, description="the stand ends the record in the attitude in which it began it"
     )

@@ -18,12 +18,13 @@ from pipeline.plan_faults import Fault, refuse
 from pipeline.stages.base import ANGLES
 from pipeline.stages.base import Settings as _Settings
 
-StreamName = Literal["gyro", "reference"]
-Quantity = Literal["angular_rate", "angle_increment", "euler_krylov", "quaternion"]
+StreamName = Literal["gyro", "reference", "gimbal"]
+Quantity = Literal["angular_rate", "angle_increment", "euler_krylov", "quaternion", "gimbal_angles"]
 
 CHANNELS: dict[StreamName, dict[Quantity, tuple[str, ...]]] = {
     "gyro": {"angular_rate": ("p", "q", "r"), "angle_increment": ("p", "q", "r")},
     "reference": {"euler_krylov": ANGLES, "quaternion": ("w", "x", "y", "z")},
+    "gimbal": {"gimbal_angles": ("alpha1", "alpha2")},
 }
 """The channels that each stream needs, by the kind of quantity it records."""
 
@@ -32,6 +33,7 @@ DIMENSIONS: dict[Quantity, str] = {
     "angle_increment": "angle",
     "euler_krylov": "angle",
     "quaternion": "pure number",
+    "gimbal_angles": "angle",
 }
 """What the units of a quantity's channels measure, see `pipeline.units`."""
 
@@ -84,6 +86,12 @@ class Channel(_Settings):
     scale: float = Field(1.0, description="unit per raw count")
     offset: float = Field(0.0, description="added after the scale, in the unit")
     sign: Literal[-1, 1] = Field(1, description="-1 turns the channel round")
+    wraps_at: float | None = Field(
+        None,
+        gt=0,
+        description="of gimbal angles: the raw value, before scale and offset, at which the encoder begins "
+        "again at 0, e.g. 1048576 counts",
+    )
 
     @field_validator("scale")
     @classmethod
@@ -147,7 +155,9 @@ class Stream(_Settings):
     topic: str = Field("", description="topic; leave out for a text file")
     quantity: Quantity = Field(description="what the channels are")
     time: Clock | None = Field(None, description="clock of this stream, in place of [time]")
-    channels: dict[str, Channel] = Field(description="p, q, r; psi, theta, gamma; or w, x, y, z")
+    channels: dict[str, Channel] = Field(
+        description="p, q, r; psi, theta, gamma; w, x, y, z; or alpha1, alpha2"
+    )
     rotation: Rotation | None = Field(
         None, description="rows of the rotation matrix from the sensor's axes to the body axes"
     )
@@ -204,12 +214,36 @@ def channel_faults(name: StreamName, stream: Stream) -> list[Fault]:
         expected = f"{' or '.join(map(repr, known))} for the stream {name!r}"
         remedy = "correct the quantity, or put the channels into the stream that they belong to"
         return [Fault((name, "quantity"), expected, repr(stream.quantity), remedy)]
-    faults = [*_name_faults(stream, known[stream.quantity]), *_unit_faults(stream), *_field_faults(stream)]
+    faults = [
+        *_name_faults(stream, known[stream.quantity]),
+        *_unit_faults(stream),
+        *_field_faults(stream),
+        *_wrap_faults(stream),
+        *_axes_faults(name, stream),
+    ]
+    return [fault._replace(key=(name, *fault.key)) for fault in faults]
+
+
+def _axes_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
+    """Rotations of axes in a stream that has none to turn."""
     if stream.reference_rotation is not None and name != "reference":
         expected = "reference_rotation only in the stream 'reference'"
         remedy = "use rotation, which turns the sensor's axes to the body axes"
-        faults.append(Fault(("reference_rotation",), expected, f"it in the stream {name!r}", remedy))
-    return [fault._replace(key=(name, *fault.key)) for fault in faults]
+        if name == "gimbal":
+            remedy = "remove it; scheme or chi_deg of [stand] says how the base is turned"
+        yield Fault(("reference_rotation",), expected, f"it in the stream {name!r}", remedy)
+    if stream.rotation is not None and name == "gimbal":
+        expected = "no rotation in the stream 'gimbal', whose angles are about the gimbal's own axes"
+        remedy = "remove it; sign and offset of a channel turn it, scheme or chi_deg of [stand] the base"
+        yield Fault(("rotation",), expected, "one", remedy)
+
+
+def _wrap_faults(stream: Stream) -> Iterator[Fault]:
+    """Counters that begin again, where none is expected."""
+    for name, channel in stream.channels.items():
+        if channel.wraps_at is not None and stream.quantity != "gimbal_angles":
+            expected = "wraps_at only for quantity 'gimbal_angles'"
+            yield Fault(("channels", name, "wraps_at"), expected, repr(stream.quantity), "remove it")
 
 
 def _name_faults(stream: Stream, needed: tuple[str, ...]) -> Iterator[Fault]:

@@ -6,12 +6,14 @@ without time cannot be kept. What could not be read, and what was missing in it,
 
 A stream's table holds the messages in which at least one of its channels is present: a text file holds all
 streams in one, with empty cells where one of them has no sample.
+
+Gimbal angles are parted into the runs of the plan (`_runs`), which may lie in further recordings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,7 +24,7 @@ from pydantic import Field, field_validator, model_validator
 
 from pipeline import contracts, formats, units
 from pipeline.errors import ExitCode
-from pipeline.formats.base import CLOCKS, Loss, Request, TimeField
+from pipeline.formats.base import CLOCKS, Request, TimeField
 from pipeline.numerics.rotation import (
     euler_krylov_from_quaternion,
     quaternion_conjugate,
@@ -31,6 +33,8 @@ from pipeline.numerics.rotation import (
     quaternion_multiply,
 )
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._file_findings import contradicted_units, losses, uncertain_times
+from pipeline.stages._runs import Run, further_recordings, inside, listed, run_faults, runs_table, unwrapped
 from pipeline.stages._sample_time import numbers, refuse_idle_stamps, sample_times, valid
 from pipeline.stages.base import ANGLES, Severity, StageError, Stand, counted, finding, rows
 from pipeline.stages.base import Settings as _Settings
@@ -47,7 +51,7 @@ from pipeline.stages.channel_map import (
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ()
-PRODUCES = ("gyro", "gyro_increments", "reference", "findings")
+PRODUCES = ("gyro", "gyro_increments", "reference", "gimbal", "runs", "findings")
 METRICS: tuple[str, ...] = ()
 
 UNIT_NORM = 1e-3
@@ -61,10 +65,13 @@ Findings = list[dict[str, Any]]
 
 
 class Settings(_Settings):
-    """The channel map: at the top level of the test plan, as [time], [streams.…] and [text]."""
+    """The channel map: at the top level of the test plan, as [time], [streams.…], [[runs]] and [text]."""
 
     time: Clock | None = Field(None, description="clock of every stream that has none of its own")
     streams: dict[StreamName, Stream] = Field(min_length=1, description="what the recording holds")
+    runs: tuple[Run, ...] = Field(
+        (), description="runs of one gyro in a gimbal; none: the whole recording is one run"
+    )
     text: Text = Field(
         default_factory=Text, description="layout of a text file, where it should not be found out by itself"
     )
@@ -77,12 +84,27 @@ class Settings(_Settings):
             refuse(faults)
         return streams
 
+    @field_validator("runs")
+    @classmethod
+    def _runs_are_told_apart(cls, runs: tuple[Run, ...]) -> tuple[Run, ...]:
+        faults = list(run_faults(runs))
+        if faults:
+            refuse(faults)
+        return runs
+
     @model_validator(mode="after")
-    def _every_stream_has_a_clock(self) -> Self:
+    def _streams_have_a_clock_and_runs_a_stream(self) -> Self:
+        faults = []
         timeless = [name for name, stream in self.streams.items() if stream.time is None]
         if self.time is None and timeless:
             expected = f"a clock for {', '.join(timeless)}"
-            refuse([Fault(("streams", timeless[0]), expected, "none", NO_CLOCK)])
+            faults.append(Fault(("streams", timeless[0]), expected, "none", NO_CLOCK))
+        if self.runs and "gimbal" not in self.streams:
+            expected = "[[runs]] only beside the stream gimbal"
+            remedy = "add [streams.gimbal], or remove [[runs]]"
+            faults.append(Fault(("runs",), expected, f"the streams {', '.join(self.streams)}", remedy))
+        if faults:
+            refuse(faults)
         return self
 
     def clock(self, name: StreamName) -> Clock:
@@ -98,6 +120,8 @@ class _Samples:
 
     Attributes
     ----------
+    where : str
+        Recording and stream, for errors.
     name : str
     stream : Stream
     table : pyarrow.Table
@@ -110,12 +134,18 @@ class _Samples:
         What is to be said of them.
     """
 
+    where: str
     name: StreamName
     stream: Stream
     table: pa.Table
     time: Time
     values: Float
     findings: Findings = field(default_factory=list)
+
+    def only(self, some: Mask) -> _Samples:
+        """Some of the samples."""
+        table = self.table.filter(pa.array(some))
+        return replace(self, table=table, time=self.time[some], values=self.values[some])
 
     def say(
         self, kind: str, severity: Severity, detail: str, where: Mask, channel: str | None = None
@@ -138,7 +168,7 @@ class _Samples:
             )
 
 
-def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table]:  # noqa: ARG001
+def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table]:
     """Read a recording into SI, body axes and the clock of the plan.
 
     Parameters
@@ -148,33 +178,83 @@ def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table
     settings : Settings
         The channel map.
     stand : Stand
-        Not needed here; a stage's shape.
+        How the base of a gimbal is mounted.
 
     Returns
     -------
     dict
-        ``gyro`` or ``gyro_increments``, and ``reference``, as far as the plan maps them; ``findings``: losses
-        and what was missing.
+        ``gyro`` or ``gyro_increments``, ``reference``, and ``gimbal`` with ``runs``, as far as the plan maps
+        them; ``findings``: losses and what was missing.
 
     Raises
     ------
     RecordingError
-        If the recording cannot be read (exit code 3), or lacks a topic or field of the plan (exit code 2).
+        If a recording cannot be read (exit code 3), or lacks a topic or field of the plan (exit code 2).
     StageError
-        If the chosen clock is not there or stands still at 0 (exit code 2), or a stream has no sample (3).
+        If the chosen clock is not there or stands still at 0, an encoder's turn is not what the plan says, a
+        run has no sample, or how it is mounted is not said (exit code 2); or a stream has no sample (3).
     """
+    streams, findings = _read(recording, settings)
+    tables: dict[str, pa.Table] = {}
+    for samples in streams.values():
+        if samples.name == "gimbal":
+            runs = listed(settings.runs)
+            tables["runs"] = runs_table(runs, stand)
+            tables["gimbal"], further = _gimbal(recording, samples, settings, runs)
+            findings += further
+        else:
+            table, columns = _columns(samples)
+            tables[table] = _table(table, samples, columns)
+        findings += samples.findings
+    return {**tables, "findings": rows("findings", findings)}
+
+
+def _read(recording: Path, settings: Settings) -> tuple[dict[StreamName, _Samples], Findings]:
+    """The streams of a recording, and the findings about the file."""
     requests = [_request(stream, settings.clock(name)) for name, stream in settings.streams.items()]
     read = formats.read(recording, requests, settings.text.layout)
-    tables: dict[str, pa.Table] = {}
-    findings = [*_losses(read.losses, settings), *_uncertain_times(read.losses, settings)]
+    clocks = {name: settings.clock(name) for name in settings.streams}
+    findings = [
+        *losses(read.losses, settings.streams, clocks),
+        *uncertain_times(read.losses, settings.streams, clocks),
+    ]
+    samples = {}
     for name, stream in settings.streams.items():
-        with np.errstate(all="ignore"):  # infinities that were recorded
-            samples = _samples(recording, name, stream, settings.clock(name), read.tables[stream.topic])
-            table, columns = _columns(samples)
-        tables[table] = _table(table, samples, columns)
-        findings += samples.findings
-        findings += _contradicted_units(name, stream, settings.clock(name), read.units)
-    return {**tables, "findings": rows("findings", findings)}
+        samples[name] = _samples(recording, name, stream, clocks[name], read.tables[stream.topic])
+        findings += contradicted_units(name, stream, clocks[name], read.units)
+    return samples, findings
+
+
+def _gimbal(
+    recording: Path, own: _Samples, settings: Settings, runs: Sequence[Run]
+) -> tuple[pa.Table, Findings]:
+    """The angles of all runs, run by run, and the findings about further recordings."""
+    recorded: dict[str | None, _Samples] = {None: own}
+    findings: Findings = []
+    alone = settings.model_copy(update={"streams": {"gimbal": own.stream}})
+    for name, path in further_recordings(recording, runs).items():
+        streams, of_file = _read(path, alone)
+        recorded[name] = streams["gimbal"]
+        findings += _said_of(name, of_file)
+    outside = {name: np.ones(len(samples.time), dtype=np.bool_) for name, samples in recorded.items()}
+    pieces = []
+    for number, one in enumerate(runs):
+        samples = recorded[one.recording]
+        within = inside(one, samples.time, samples.where)
+        outside[one.recording] &= ~within
+        part = samples.only(within)
+        table, columns = _columns(part)
+        pieces.append(_table(table, part, {"run": np.full(len(part.time), number), **columns}))
+    for source, samples in recorded.items():
+        samples.say("outside the runs", "info", "outside all runs: left out", outside[source])
+        if source is not None:
+            findings += _said_of(source, samples.findings)
+    return pa.concat_tables(pieces), findings
+
+
+def _said_of(recording: str, findings: Findings) -> Findings:
+    """The same findings with the further recording that they are about."""
+    return [{**row, "detail": f"{recording!r}: {row['detail']}"} for row in findings]
 
 
 def _request(stream: Stream, clock: Clock) -> Request:
@@ -185,62 +265,6 @@ def _request(stream: Stream, clock: Clock) -> Request:
         (TimeField(clock.field, clock.unit),) if clock.field is not None and clock.unit is not None else ()
     )
     return Request(stream.topic, tuple(dict.fromkeys(fields)), times)
-
-
-def _losses(losses: Sequence[Loss], settings: Settings) -> Iterator[dict[str, Any]]:
-    """Findings of what could not be read; of the one stream of the topic, else of the recording."""
-    topics: dict[str, list[StreamName]] = {}
-    for name, stream in settings.streams.items():
-        topics.setdefault(stream.topic, []).append(name)
-    for loss in losses:
-        concerned = topics.get(loss.topic, [])
-        about_stream = concerned[0] if len(concerned) == 1 else None
-        logged = about_stream is not None and settings.clock(about_stream).clock == "log_time"
-        about = f" of topic {loss.topic!r}" if loss.topic else ""
-        detail = f"{counted(loss.count, loss.unit.removesuffix('s'))}{about}: {loss.detail}"
-        if loss.start is not None and loss.end is not None and not logged:
-            detail += f" (log time {loss.start} … {loss.end} ns)"
-        yield finding(
-            "ingest",
-            about_stream or "recording",
-            "loss",
-            "error",
-            detail,
-            start=loss.start if logged else None,
-            end=loss.end if logged else None,
-            count=loss.count,
-        )
-
-
-def _uncertain_times(losses: Sequence[Loss], settings: Settings) -> Iterator[dict[str, Any]]:
-    """Findings of streams that are timed by their place in the file, of which something is lost."""
-    for name, stream in settings.streams.items():
-        clock = settings.clock(name)
-        lost = sum(loss.topic in ("", stream.topic) for loss in losses)
-        if clock.rate is not None and clock.counter is None and lost:
-            detail = (
-                f"samples are timed by their place in the file at {clock.rate:g} Hz; behind each loss they "
-                "stand too early by what was lost, unless the plan names a counter"
-            )
-            yield finding("ingest", name, "uncertain time", "warning", detail, count=lost)
-
-
-def _contradicted_units(
-    name: StreamName, stream: Stream, clock: Clock, stated: Mapping[str, str]
-) -> Iterator[dict[str, Any]]:
-    """Findings of fields whose unit the file states otherwise than the plan; a scale may be why it does."""
-    planned: list[tuple[str, str, str | None]] = [
-        (c.field, c.unit, channel) for channel, c in stream.channels.items() if c.scale == 1
-    ]
-    if clock.field is not None and clock.unit is not None:
-        planned.append((clock.field, clock.unit, None))
-    for path, unit, channel in planned:
-        of = units.dimension(stated.get(path, ""))
-        if of is not None and units.canonical(stated[path]) != units.canonical(unit):
-            detail = (
-                f"the file states {stated[path]!r} for {path!r}, the test plan {unit!r}, which is followed"
-            )
-            yield finding("ingest", name, "contradicted unit", "warning", detail, channel=channel)
 
 
 def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, topic: pa.Table) -> _Samples:
@@ -260,11 +284,12 @@ def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, to
             exit_code=ExitCode.INPUT,
         )
     of = DIMENSIONS[stream.quantity]
-    values = [
-        c.sign * (c.scale * numbers(topic.column(c.field))[kept] + c.offset) * _factor(c.unit, of)
-        for c in channels.values()
-    ]
-    samples = _Samples(name, stream, topic.filter(pa.array(kept)), time[kept], np.column_stack(values))
+    with np.errstate(all="ignore"):  # infinities that were recorded
+        values = [
+            c.sign * (c.scale * numbers(topic.column(c.field))[kept] + c.offset) * _factor(c.unit, of)
+            for c in channels.values()
+        ]
+    samples = _Samples(where, name, stream, topic.filter(pa.array(kept)), time[kept], np.column_stack(values))
     refuse_idle_stamps(samples.time, samples.table, clock, where)
     for channel, there in present.items():
         detail = f"without a value of {channels[channel].field!r}, which becomes NaN"
@@ -276,6 +301,7 @@ def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, to
     return samples
 
 
+@np.errstate(all="ignore")  # infinities that were recorded
 def _columns(samples: _Samples) -> tuple[str, Mapping[str, Float]]:
     """The table that the stream becomes, and its channels in body and reference axes."""
     match samples.stream.quantity:
@@ -287,9 +313,33 @@ def _columns(samples: _Samples) -> tuple[str, Mapping[str, Float]]:
             )
         case "euler_krylov":
             return "reference", _named(ANGLES, _euler_krylov(samples))
+        case "gimbal_angles":
+            return "gimbal", _named(("alpha1", "alpha2"), _without_wraps(samples))
         case "quaternion":
             angles = euler_krylov_from_quaternion(_turned(_unit_quaternions(samples), samples.stream))
             return "reference", _named(ANGLES, angles)
+
+
+def _without_wraps(samples: _Samples) -> Float:
+    """Gimbal angles, the beginnings of an encoder's count undone where the plan says that it wraps."""
+    values = samples.values.copy()
+    of = DIMENSIONS[samples.stream.quantity]
+    for k, name in enumerate(CHANNELS["gimbal"]["gimbal_angles"]):
+        channel = samples.stream.channels[name]
+        if channel.wraps_at is not None:
+            period = channel.wraps_at * abs(channel.scale) * _factor(channel.unit, of)
+            values[:, k] = unwrapped(values[:, k], samples.time, period, f"{samples.where}, channel {name!r}")
+            if (
+                name == "alpha2"
+            ):  # within a quarter turn of 0 wherever the gimbal can serve, so 350 deg is -10
+                values[:, k] -= _whole_turns(values[:, k])
+    return values
+
+
+def _whole_turns(angle: Float) -> float:
+    """The whole turns by which an angle lies away from 0, judged by its median [rad]."""
+    finite = angle[np.isfinite(angle)]
+    return float(2 * np.pi * np.rint(np.median(finite) / (2 * np.pi))) if finite.size else 0.0
 
 
 def _in_body_axes(samples: _Samples) -> Float:

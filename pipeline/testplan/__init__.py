@@ -5,6 +5,6 @@ begins a plan from what a recording holds.
 """
 
 from pipeline.testplan.errors import PlanError
-from pipeline.testplan.load import TestPlan, find_plan, load_plan, own_plan
+from pipeline.testplan.load import TestPlan, find_plan, load_plan, named_recordings, own_plan
 
-__all__ = ["PlanError", "TestPlan", "find_plan", "load_plan", "own_plan"]
+__all__ = ["PlanError", "TestPlan", "find_plan", "load_plan", "named_recordings", "own_plan"]

@@ -196,6 +196,8 @@ def _advice(kind: str, value: object) -> str:
     """What to do about a value of the wrong type."""
     if kind == "string_type":
         return "write it in quotes"
+    if value == "":
+        return "fill it in"
     if isinstance(value, str) and kind in ("int_type", "float_type", "bool_type"):
         return "write it without quotes"
     if kind == "int_type" and isinstance(value, float) and value.is_integer():

@@ -1,8 +1,9 @@
 """A first test plan from what a recording holds: ``gyrostand plan init``.
 
-Types of messages and names of fields suggest which of them are the gyro and the reference; the plan says so
-in comments, for the engineer to confirm. A unit is written where the file itself states it, and a clock
-where there is but one; every other is a blank, marked FILL IN, that ``gyrostand plan check`` refuses.
+Types of messages and names of fields suggest which are the gyro and the reference, or the gimbal of a gyro,
+and with that the procedure; the plan says so in comments, for the engineer to confirm. A unit is written
+where the file itself states it, and a clock where there is but one; every other is a blank, marked FILL IN,
+that ``gyrostand plan check`` refuses.
 
 Every name comes from the recording, and is hostile: it is escaped, in strings and in comments.
 """
@@ -11,57 +12,60 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from pipeline import units
 from pipeline.formats.base import Field, Inspection, Topic
-from pipeline.stages.channel_map import CHANNELS, DIMENSIONS, Quantity, StreamName
+from pipeline.stages.channel_map import CHANNELS, DIMENSIONS, StreamName
+from pipeline.testplan.candidates import Candidate, bare, find_candidates
 from pipeline.testplan.load import own_plan
 
 _WIDTH = 110
 _LISTED = 100
 """Fields of one topic that are listed in the comments at the end."""
 
-_UNIT = re.compile(r"\s*(?:\([^()\[\]]*\)|\[[^()\[\]\d]+\])$")
-_COMPONENT = re.compile(
-    r"(?P<stem>.*?)[\s._-]*(?P<axis>[wxyzpqr]|\[\d\])(?:_(?:rad|deg|r|d)(?:s|_s|ps)?|_dps)?$", re.IGNORECASE
-)
-_GYRO = re.compile(
-    r"gyr|omega|ω|ang(?:ular)?[\s_.]*(?:rate|vel)|body[\s_.]*rate|(?:^|[._\s\]])[gw]$", re.IGNORECASE
-)
-_QUATERNION = re.compile(r"quat|orientation|attitude|rotation|(?:^|[._\s\]])q$", re.IGNORECASE)
-_NO_CHANNEL = re.compile(r"covariance|bias|integral|variance|temp", re.IGNORECASE)
-_REFERENCE = re.compile(r"quat|ref|truth|mocap|optic|vicon|encoder", re.IGNORECASE)
 _TIME = re.compile(r"^t(?:_(?:s|sec|ms|us|ns))?$|^(?i:seconds)$|(?i:time|stamp|elapsed)")
 """A lower-case t alone is a time, a capital one a temperature."""
 _COUNTER = re.compile(r"packet|count|seq|sample|index|frame", re.IGNORECASE)
-_AXES = {
-    "angular_rate": (("p", "q", "r"), ("x", "y", "z"), ("[0]", "[1]", "[2]")),
-    "quaternion": (("w", "x", "y", "z"),),
+
+_DEFINED = {"Imu": "rad/s", "JointState": "rad"}
+"""Units that the definition of a message states, where the file does not."""
+
+_STAND = {
+    "coning": (
+        "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
+    ),
+    "drift": (
+        'latitude_deg = ""    # FILL IN: degrees north, a number without quotes',
+        'scheme = ""    # FILL IN: polar, equatorial, horizontal, vertical; or chi_deg = [chi1, chi2, chi3]',
+    ),
 }
-_EULER_KRYLOV = ("psi", "theta", "gamma")
+"""What [stand] holds, by procedure."""
 
+_GIMBAL = (
+    "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
+    '# unit = "deg", scale = 0.00034332275390625, wraps_at = 1048576',
+    "",
+    "# Several runs of the gyro; without them the whole recording is one run.",
+    "# [[runs]]",
+    '# name = "second"',
+    '# recording = "run8.mcap"    # a further recording beside this one',
+    "# start = 0.0    # s from the first sample of its recording",
+    "# stop = 43200.0",
+    '# scheme = "equatorial"    # in place of the stand\'s',
+)
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """Fields of a topic that may be a stream; ``fields`` in the order of the quantity's channels."""
-
-    stream: StreamName
-    quantity: Quantity
-    topic: Topic
-    fields: tuple[Field, ...]
-
-    @property
-    def also_rates(self) -> bool:
-        """Whether the message measures rates too: its attitude is then the sensor's own, no reference."""
-        return any("angular_velocity" in f.path for f in self.topic.fields)
-
-    @property
-    def is_named_so(self) -> bool:
-        """Whether more than the shape speaks for it: any pose in a bag holds a quaternion."""
-        names = (self.topic.name, self.topic.message_type, self.fields[0].path)
-        return not self.topic.name or any(_REFERENCE.search(name) for name in names)
+_LIMIT = {
+    "coning": (
+        'metric = "relative_rms_error_corrected"',
+        'channel = "gamma"',
+        "upper = 0.2",
+        "marginal_upper = 0.15",
+    ),
+    "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
+}
+"""A limit that stands as a comment in the plan of each procedure."""
 
 
 @dataclass(slots=True)
@@ -89,55 +93,38 @@ def initial_plan(inspection: Inspection) -> str:
         TOML. Where nothing is left to fill in, `load_plan` accepts it as it is.
     """
     candidates = find_candidates(inspection.topics)
-    gyro = next((c for c in candidates if c.stream == "gyro"), None)
-    references = [c for c in candidates if c.stream == "reference" and not c.also_rates and c.is_named_so]
-    reference = next(iter(references), None)
-    chosen = [c for c in (gyro, reference) if c is not None]
+    gyro = _first(candidates, "gyro")
+    gimbal = _first(candidates, "gimbal")
+    procedure = "drift" if gyro is None and gimbal is not None else "coning"
+    second = _first([c for c in candidates if not c.also_rates and c.is_named_so], "reference")
+    chosen = [c for c in ((gimbal,) if procedure == "drift" else (gyro, second)) if c is not None]
     name = own_plan(inspection.path).name
     plan = _Plan()
     plan.add(
         f"# Test plan for {escaped(inspection.path.name)} ({inspection.format}), by 'gyrostand plan init'.",
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
-        'procedure = "coning"',
+        f'procedure = "{procedure}"',
         'title = ""',
         "",
         "[stand]",
         'name = ""',
-        "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
+        *_STAND[procedure],
         "",
     )
     _add_time(plan, chosen, inspection.topics)
-    _add_stream(plan, "gyro", gyro, inspection.topics)
-    if reference is not None:
-        _add_stream(plan, "reference", reference, inspection.topics)
+    if not any(c.stream in ("gyro", "gimbal") for c in chosen):
+        _add_stream(plan, "gyro", None, inspection.topics)
+    for candidate in chosen:
+        _add_stream(plan, candidate.stream, candidate, inspection.topics)
     _add_alternatives(plan, [c for c in candidates if c not in chosen])
-    _add_limits(plan)
+    _add_limits(plan, procedure)
     _add_rest(plan, inspection.topics)
     return "\n".join(plan.lines) + "\n"
 
 
-def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
-    """What may be a gyro or a reference, by the names of fields; in the order of the recording."""
-    found = []
-    for topic in topics:
-        components = _components(topic)
-        for stem, axes in components.items():
-            for names in _AXES["angular_rate"]:
-                bare = stem == "" and names[0] == "p"
-                if all(axis in axes for axis in names) and (bare or _GYRO.search(stem)):
-                    fields = tuple(axes[axis] for axis in names)
-                    found.append(Candidate("gyro", "angular_rate", topic, fields))
-                    break
-            names = _AXES["quaternion"][0]
-            if all(axis in axes for axis in names) and (stem == "" or _QUATERNION.search(stem)):
-                fields = tuple(axes[axis] for axis in names)
-                found.append(Candidate("reference", "quaternion", topic, fields))
-        angles = {_bare(f.path).rsplit(".", 1)[-1].lower(): f for f in topic.fields}
-        if all(angle in angles for angle in _EULER_KRYLOV):
-            fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
-            found.append(Candidate("reference", "euler_krylov", topic, fields))
-    return found
+def _first(candidates: Sequence[Candidate], stream: StreamName) -> Candidate | None:
+    return next((c for c in candidates if c.stream == stream), None)
 
 
 def quoted(text: str) -> str:
@@ -161,21 +148,6 @@ def _escape(character: str) -> str:
     return f"\\u{code:04X}" if code <= 0xFFFF else f"\\U{code:08X}"
 
 
-def _bare(path: str) -> str:
-    """The name without a unit in brackets."""
-    return _UNIT.sub("", path)
-
-
-def _components(topic: Topic) -> dict[str, dict[str, Field]]:
-    """Fields by their stem and axis: ``imu.gyro.x`` is the x of ``imu.gyro``."""
-    components: dict[str, dict[str, Field]] = {}
-    for one in topic.fields:
-        match = _COMPONENT.fullmatch(_bare(one.path))
-        if match and not _NO_CHANNEL.search(one.path):
-            components.setdefault(match["stem"], {}).setdefault(match["axis"].lower(), one)
-    return components
-
-
 def _add_time(plan: _Plan, chosen: Sequence[Candidate], topics: Sequence[Topic]) -> None:
     """The clock: written where there is but one, else all of them as comments."""
     with_streams = {c.topic.name: c.topic for c in chosen} or {t.name: t for t in topics}
@@ -183,7 +155,8 @@ def _add_time(plan: _Plan, chosen: Sequence[Candidate], topics: Sequence[Topic])
     if text is not None:
         _add_text_time(plan, text)
         return
-    plan.add("[time]    # FILL IN: take the # from one clock; a stream may have its own, [streams.gyro.time]")
+    own = f"[streams.{chosen[0].stream if chosen else 'gyro'}.time]"
+    plan.add(f"[time]    # FILL IN: take the # from one clock; a stream may have its own, {own}")
     for topic in with_streams.values():
         for clock, (first, last) in topic.clocks.items():
             plan.add(f'# clock = "{clock}"    # {escaped(topic.name)}: {_span(topic.count, first, last)}')
@@ -191,7 +164,7 @@ def _add_time(plan: _Plan, chosen: Sequence[Candidate], topics: Sequence[Topic])
 
 
 def _add_text_time(plan: _Plan, topic: Topic) -> None:
-    times = [f for f in topic.fields if _TIME.search(_bare(f.path))]
+    times = [f for f in topic.fields if _TIME.search(bare(f.path))]
     counters = [f for f in topic.fields if _COUNTER.search(f.path) and f not in times]
     if len(times) == 1:
         unit, remark = _unit(times[0], "time")
@@ -224,6 +197,9 @@ def _add_stream(plan: _Plan, name: StreamName, candidate: Candidate | None, topi
     else:
         plan.add(*_stream_lines(candidate))
         plan.used |= {(candidate.topic.name, f.path) for f in candidate.fields}
+    if name == "gimbal":
+        plan.add(*_GIMBAL, "")
+        return
     plan.add(
         "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
     )
@@ -265,8 +241,9 @@ def _unit(one: Field, of: str, message_type: str = "") -> tuple[str, str]:
         return units.canonical(one.unit), ""
     usual = {"angular rate": "rad/s or deg/s", "angle": "rad or deg", "time": "s, ms, us or ns"}[of]
     stated = f"; the file says {escaped(one.unit)!r}" if one.unit else ""
-    imu = "; the message is defined in rad/s" if message_type.endswith("/Imu") else ""
-    return "", f"    # FILL IN: {usual}{stated}{imu}"
+    kind = message_type.rsplit("/", maxsplit=1)[-1]
+    defined = f"; the message is defined in {_DEFINED[kind]}" if kind in _DEFINED else ""
+    return "", f"    # FILL IN: {usual}{stated}{defined}"
 
 
 def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
@@ -283,16 +260,9 @@ def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
         )
 
 
-def _add_limits(plan: _Plan) -> None:
-    plan.add(
-        "# What a figure must be for the recording to pass; any number of these.",
-        "# [[limits]]",
-        '# metric = "relative_rms_error_corrected"',
-        '# channel = "gamma"',
-        "# upper = 0.2",
-        "# marginal_upper = 0.15",
-        "",
-    )
+def _add_limits(plan: _Plan, procedure: str) -> None:
+    plan.add("# What a figure must be for the recording to pass; any number of these.", "# [[limits]]")
+    plan.add(*(f"# {line}" for line in _LIMIT[procedure]), "")
 
 
 def _add_rest(plan: _Plan, topics: Sequence[Topic]) -> None:

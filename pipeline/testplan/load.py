@@ -1,7 +1,7 @@
 """Test plans: TOML to typed settings, composed from those of the procedure's stages.
 
 A plan's top level holds the procedure, its title, the stand, the limits, the settings of `ingest` (time,
-streams, text), and a section for each further stage of the procedure. A stage's settings are the class
+streams, runs, text), and a section for each further stage of the procedure. A stage's settings are the class
 ``Settings`` of its module: a new stage brings its section with it.
 
 Types are strict: TOML says itself what is a number, a string or a truth value.
@@ -15,7 +15,7 @@ import os
 import re
 import shlex
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -30,8 +30,9 @@ from pipeline import contracts
 from pipeline.formats.base import RecordingError
 from pipeline.limits import Limit
 from pipeline.plan_faults import Fault, refuse
-from pipeline.procedures import PROCEDURES
+from pipeline.procedures import NEEDS, PROCEDURES
 from pipeline.stages import ingest
+from pipeline.stages._runs import further_recordings, is_bare, mounting_faults, neighbour
 from pipeline.stages.base import Settings, Stand
 from pipeline.stages.channel_map import Stream, StreamName
 from pipeline.storage.naming import COMPRESSIONS
@@ -75,9 +76,23 @@ class TestPlan:
     @property
     def streams(self) -> Mapping[StreamName, Stream]:
         """The streams that the plan maps."""
+        return self._ingest.streams
+
+    def further_recordings(self, recording: Path) -> tuple[Path, ...]:
+        """The recordings beside the given one, of which the plan says that they hold runs too.
+
+        Raises
+        ------
+        RecordingError
+            If one of them is not there, or is the given one.
+        """
+        return tuple(further_recordings(recording, self._ingest.runs).values())
+
+    @property
+    def _ingest(self) -> ingest.Settings:
         settings = self.settings["ingest"]
         assert isinstance(settings, ingest.Settings)
-        return settings.streams
+        return settings
 
 
 class _Plan(ingest.Settings):
@@ -128,9 +143,9 @@ def load_plan(path: str | os.PathLike[str]) -> TestPlan:
         plan = model.model_validate(_immutable(data), strict=True)
     except ValidationError as error:
         raise plan_error(path, key_lines(text), faults_of(error, data, model)) from None
-    strange = _unknown_metrics(plan)
-    if strange:
-        raise plan_error(path, key_lines(text), strange)
+    faults = [*_unknown_metrics(plan), *_missing(plan)]
+    if faults:
+        raise plan_error(path, key_lines(text), faults)
     mapped = {name: getattr(plan, name) for name in ingest.Settings.model_fields}
     settings: dict[str, Settings] = {"ingest": ingest.Settings(**mapped)}
     settings |= {stage: getattr(plan, stage) for stage in PROCEDURES[plan.procedure] if stage != "ingest"}
@@ -156,6 +171,36 @@ def _unknown_metrics(plan: Any) -> list[Fault]:
         for place, limit in enumerate(plan.limits)
         if limit.metric not in known
     ]
+
+
+def _missing(plan: Any) -> Iterator[Fault]:
+    """What the procedure needs and the plan does not say."""
+    needs = NEEDS.get(plan.procedure, ())
+    for need in needs:
+        section, name = need.split(".")
+        given = plan.streams.get(name) if section == "streams" else getattr(plan.stand, name)
+        if given is None:
+            remedy = f"add [streams.{name}]" if section == "streams" else f"add {name} = … to [{section}]"
+            yield Fault((section,), f"{need}, for the procedure {plan.procedure!r}", "none", remedy)
+    if "gimbal" in plan.streams or "streams.gimbal" in needs:
+        yield from mounting_faults(plan.runs, plan.stand)
+
+
+def named_recordings(plan: Path, recording: Path) -> tuple[Path, ...]:
+    """The further recordings that a plan names for a recording, whether they are there or not.
+
+    A plan that cannot be read names none; what else is wrong with it does not matter here.
+    """
+    try:
+        _, data = _parsed(plan, _bytes(plan))
+    except PlanError:
+        return ()
+    runs = data.get("runs")
+    entries = (
+        [run.get("recording") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    )
+    names = [name for name in entries if isinstance(name, str) and name and is_bare(name)]
+    return tuple(neighbour(recording, name) for name in dict.fromkeys(names))
 
 
 def find_plan(recording: Path) -> Path:

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from drift_tables import make_drift_tables, simulated
 from report_tables import HOSTILE, make_tables, publish
 
 from pipeline.report import page
@@ -119,6 +121,25 @@ def test_nothing_is_fetched_and_nothing_is_complained_of(opened: Any) -> None:
     assert {url.split(":")[0] for url in urls} <= {"file", "data", "blob"}
     assert sum(url.startswith("file:") for url in urls) == 1
     assert [entry for entry in opened.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_the_pictures_of_a_drift_run_are_drawn(browser: Any, tmp_path: Path) -> None:
+    runs = [
+        simulated(0, "polar", (0.02, -0.01), 24.0, 300.0),
+        simulated(1, "vertical", (0.5, -0.4), 12.0, 300.0),
+    ]
+    file = tmp_path / "drift.html"
+    file.write_text(page.render("run-7", make_drift_tables(runs, HOSTILE)), encoding="utf-8")
+    browser.get(file.as_uri())
+    WebDriverWait(browser, PATIENCE, poll_frequency=0.1).until(lambda b: b.execute_script(DRAWN))
+    pictures = browser.execute_script(COLOURS)
+    # angles, sky planes and residuals of two runs; drift; theta and epsilon; estimates; bars; map
+    drawn = [sum(colours > 5 for colours in picture) for picture in pictures]
+    assert len(drawn) == 8
+    assert all(np.array(drawn) >= [4, 2, 4, 6, 7, 6, 1, 1])
+    assert browser.execute_script("return typeof window.hacked") == "undefined"
+    assert browser.find_elements(By.CSS_SELECTOR, "img, mjx-container") == []
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
 
 
 def test_the_index_leads_to_the_page(browser: Any, tmp_path: Path) -> None:

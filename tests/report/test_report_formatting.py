@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.report import scale
-from pipeline.report.formatting import number, plural, size, standard_error, unit
+from pipeline.report.formatting import measured, number, plural, size, standard_error, unit
 
 
 @pytest.mark.parametrize(
@@ -57,6 +57,28 @@ def test_a_figure_reads_back_to_four_digits(value: float) -> None:
 )
 def test_a_standard_error_is_written_as_its_value_is(error: float | None, value: float, text: str) -> None:
     assert standard_error(error, value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.150412, 1.23e-4, "0.15041 ± 0.00012"),
+        (-0.150412, 0.3, "−0.15 ± 0.30"),
+        (0.0, 2.0, "0.0 ± 2.0"),
+        (123456.7, 12.0, "123\u202f457 ± 12"),
+        (4.12e-6, 3.1e-8, "(4.120 ± 0.031)×10⁻⁶"),
+        (2e-9, 5e-4, "(0 ± 500)×10⁻⁶"),
+        (-1e-9, 15.0, "0 ± 15"),
+        (0.25, 0.0, "0.25"),
+        (0.25, None, "0.25"),
+        (0.25, 1e-15, "0.25"),
+        (None, 1.0, "–"),
+    ],
+)
+def test_a_value_has_as_many_decimals_as_its_error_allows(
+    value: float | None, error: float | None, text: str
+) -> None:
+    assert measured(value, error) == text
 
 
 def test_words_around_figures() -> None:

@@ -16,9 +16,10 @@ from pipeline.errors import ExitCode
 from pipeline.formats.base import Request, TimeField
 from pipeline.models.coning import ConingMotion, MotionError
 from pipeline.numerics.rotation import matrix_from_quaternion, quaternion_from_rotation_vector
-from pipeline.simulate.coning import START, SUFFIXES, ConingSettings, simulate_coning
+from pipeline.simulate.coning import ConingSettings, simulate_coning
 from pipeline.simulate.imperfections import GyroErrors, SimulationError, TimingErrors
 from pipeline.simulate.plan import Limit, Processing
+from pipeline.simulate.recording import START, SUFFIXES
 from pipeline.simulate.samples import SAMPLES, write_samples
 
 SHORT = ConingSettings(duration=0.1, reference_rate=1000.0)

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from pipeline import formats
 from pipeline.formats.base import Field, Inspection, Series, Topic
 from pipeline.testplan import load_plan
+from pipeline.testplan.candidates import find_candidates
 from pipeline.testplan.errors import PlanError
-from pipeline.testplan.initial import escaped, find_candidates, initial_plan, quoted
+from pipeline.testplan.initial import escaped, initial_plan, quoted
 
 
 def table(
@@ -136,6 +137,97 @@ def test_a_file_without_time_is_offered_a_rate_and_its_counter(tmp_path: Path) -
 def test_fields_that_look_like_a_gyro(fields: str, chosen: str) -> None:
     found = find_candidates([table("", fields)])
     assert [f.path for c in found if c.stream == "gyro" for f in c.fields] == chosen.split()
+
+
+@pytest.mark.parametrize(
+    ("topic", "message", "fields", "chosen"),
+    [
+        ("", "row", "t alpha1 alpha2", "alpha1 alpha2"),
+        ("", "row", "alpha_2_deg alpha_1_deg", "alpha_1_deg alpha_2_deg"),
+        ("", "row", "inner_angle outer_angle", "outer_angle inner_angle"),
+        ("", "row", "Outer Inner", "Outer Inner"),
+        ("", "row", "encoder1 encoder2 encoder1_status encoder2_status", "encoder1 encoder2"),
+        ("", "row", "enc[0] enc[1] enc[2]", "enc[0] enc[1]"),
+        ("", "row", "outer_temp inner_temp outer_rate inner_rate", ""),
+        ("", "row", "alpha1", ""),
+        ("", "row", "accel1 accel2 x y z", ""),
+        (
+            "/stand/gimbal",
+            "geometry_msgs/msg/Vector3Stamped",
+            "vector.x vector.y vector.z",
+            "vector.x vector.y",
+        ),
+        ("/stand/force", "geometry_msgs/msg/Vector3Stamped", "vector.x vector.y vector.z", ""),
+        (
+            "/joint_states",
+            "sensor_msgs/msg/JointState",
+            "position[0] position[1] velocity[0] velocity[1] effort[0] effort[1]",
+            "position[0] position[1]",
+        ),
+        ("/joint_states", "x/msg/Y", "position[0] position[1]", ""),
+        (
+            "/stand",
+            "lab/msg/Encoders",
+            "gimbal.outer.counts gimbal.inner.counts",
+            "gimbal.outer.counts gimbal.inner.counts",
+        ),
+    ],
+)
+def test_fields_that_look_like_a_gimbal(topic: str, message: str, fields: str, chosen: str) -> None:
+    found = find_candidates([table(topic, fields, of=message)])
+    assert [f.path for c in found if c.stream == "gimbal" for f in c.fields] == chosen.split()
+
+
+def test_a_field_in_another_unit_is_no_angle() -> None:
+    fields = tuple(Field(f"alpha{k}", "float64", "deg/s") for k in (1, 2))
+    assert find_candidates([Topic("", "row", "", 2, fields, {})]) == []
+
+
+def test_gimbal_angles_begin_a_plan_of_drift(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text("time (s),alpha1 (deg),alpha2 (deg)\n0,1,2\n60,1,2\n")
+    text = initial_plan(formats.inspect(path))
+    refused = loads(tmp_path, text).splitlines()
+    assert ["latitude_deg" in line or "scheme" in line for line in refused] == [True, True]
+    assert text.count("FILL IN") == 3  # these two, and the word of what they are marked with
+    filled = text.replace('latitude_deg = ""', "latitude_deg = 55.75").replace(
+        'scheme = ""', 'scheme = "polar"'
+    )
+    assert loads(tmp_path, filled) == ""
+    plan = tomllib.loads(filled)
+    assert plan["procedure"] == "drift"
+    assert plan["streams"]["gimbal"]["channels"]["alpha2"] == {"field": "alpha2 (deg)", "unit": "deg"}
+    several = filled.replace("# [[runs]]", "[[runs]]").replace("# [[limits]]", "[[limits]]")
+    for key in (
+        "name = ",
+        "recording",
+        "start",
+        "stop",
+        "scheme",
+        "metric",
+        "channel = ",
+        "upper",
+        "marginal",
+    ):
+        several = several.replace(f"# {key}", key)
+    assert loads(tmp_path, several) == ""  # what stands in the comments is right as well
+
+
+def test_joints_and_counts_are_blanks_with_what_is_known_of_them() -> None:
+    joints = table(
+        "/joints", "position[0] position[1]", {"log_time": (0, 1)}, of="sensor_msgs/msg/JointState"
+    )
+    text = initial_plan(Inspection(Path("a.mcap"), "MCAP", (joints,)))
+    assert text.count("# FILL IN: rad or deg; the message is defined in rad") == 2
+    assert "wraps_at = 1048576" in text
+    plan = tomllib.loads(text)
+    assert (plan["procedure"], plan["streams"]["gimbal"]["topic"]) == ("drift", "/joints")
+
+
+def test_a_gyro_comes_before_a_gimbal() -> None:
+    text = initial_plan(Inspection(Path("a.csv"), "text", (table("", "t p q r outer inner"),)))
+    assert tomllib.loads(text)["procedure"] == "coning"
+    assert "# Also looks like a gimbal:" in text
 
 
 def test_a_message_with_rates_is_no_reference_of_itself() -> None:

@@ -1,10 +1,10 @@
-"""The published figures, computed by the pipeline's own stages and set beside the papers'."""
+"""The figures of Godorov & Lutmanov (2016), by the pipeline's own stages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, TypedDict
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -14,6 +14,7 @@ from pipeline import contracts
 from pipeline.formats.base import CLOCKS
 from pipeline.models.coning import ConingMotion, Motion, SmoothConing
 from pipeline.numerics.interpolation import MethodName
+from pipeline.reproduce.rows import Expected, Row, at_most, near
 from pipeline.stages import detrend, integrate, interpolate, score
 from pipeline.stages.base import ANGLES, StageError, Stand
 
@@ -28,71 +29,41 @@ _CONING = ConingMotion(np.deg2rad(1.0), 100.0)
 _SECTION_5 = SmoothConing(_CONING, onset=0.0, slope=-0.05, offset=0.5)
 
 
-class Row(TypedDict):
-    """One published figure beside ours.
-
-    ``printed`` is the paper's, ``oracle`` what a converged computation gives: a value, or a bound that
-    ``ours`` must not exceed. ``relative_difference`` is (ours - oracle)/oracle.
-    """
-
-    source: str
-    item: str
-    quantity: str
-    printed: float | None
-    oracle: float
-    ours: float
-    relative_difference: float
-    within: bool
-
-
 @dataclass(frozen=True, slots=True)
 class _Figure:
-    """What is expected of a figure: within a relative tolerance of the oracle, or not above it."""
+    """A figure of the stages: its name and channel there, and what is expected of it."""
 
     quantity: str
     metric: str
     channel: str
-    oracle: float
-    tolerance: float | None = None
-    printed: float | None = None
+    expected: Expected
 
     def beside(self, item: str, ours: float) -> Row:
         """The row of the figure."""
-        difference = (ours - self.oracle) / self.oracle
-        within = ours <= self.oracle if self.tolerance is None else abs(difference) <= self.tolerance
-        return Row(
-            source=SOURCE,
-            item=item,
-            quantity=self.quantity,
-            printed=self.printed,
-            oracle=self.oracle,
-            ours=ours,
-            relative_difference=difference,
-            within=within,
-        )
+        return self.expected.beside(SOURCE, item, self.quantity, ours)
 
 
 _BEFORE, _AFTER = "relative_rms_error", "relative_rms_error_corrected"
 
 _CUBIC = (
-    _Figure("I_psi", _BEFORE, "psi", 0.2619, 0.01),
-    _Figure("I_theta", _BEFORE, "theta", 0.07429, 0.01),
-    _Figure("I_gamma", _BEFORE, "gamma", 143.6247, 1e-4, printed=143.637),
-    _Figure("a, rad/s", "trend_a", "gamma", -0.013467, 0.02, printed=-0.01347),
-    _Figure("b, rad", "trend_b", "gamma", 4.69e-5, 0.02, printed=0.00005),
-    _Figure("I_gamma corrected", _AFTER, "gamma", 0.12387, 0.002, printed=0.123842),
+    _Figure("I_psi", _BEFORE, "psi", near(0.2619, 0.01)),
+    _Figure("I_theta", _BEFORE, "theta", near(0.07429, 0.01)),
+    _Figure("I_gamma", _BEFORE, "gamma", near(143.6247, 1e-4, printed=143.637)),
+    _Figure("a, rad/s", "trend_a", "gamma", near(-0.013467, 0.02, printed=-0.01347)),
+    _Figure("b, rad", "trend_b", "gamma", near(4.69e-5, 0.02, printed=0.00005)),
+    _Figure("I_gamma corrected", _AFTER, "gamma", near(0.12387, 0.002, printed=0.123842)),
 )
 _HARMONIC = (
-    _Figure("I_psi, at most", _BEFORE, "psi", 1e-6),
-    _Figure("I_theta, at most", _BEFORE, "theta", 2e-6),
-    _Figure("I_gamma, at most", _BEFORE, "gamma", 6e-6),
+    _Figure("I_psi, at most", _BEFORE, "psi", at_most(1e-6)),
+    _Figure("I_theta, at most", _BEFORE, "theta", at_most(2e-6)),
+    _Figure("I_gamma, at most", _BEFORE, "gamma", at_most(6e-6)),
 )
 # Before t* = 0 nothing is known of b but that it is small; which sample falls on t* decides its sign.
 _ONSET = (
-    _Figure("I_gamma", _BEFORE, "gamma", 0.0110, 0.01, printed=0.0109768),
-    _Figure("a, rad/s", "trend_a", "gamma", -0.0135, 0.0001 / 0.0135),
-    _Figure("|b|, rad, at most", "trend_b", "gamma", 1e-4),
-    _Figure("I_gamma corrected, at most", _AFTER, "gamma", 3e-4, printed=0.00474172),
+    _Figure("I_gamma", _BEFORE, "gamma", near(0.0110, 0.01, printed=0.0109768)),
+    _Figure("a, rad/s", "trend_a", "gamma", near(-0.0135, 0.0001 / 0.0135)),
+    _Figure("|b|, rad, at most", "trend_b", "gamma", at_most(1e-4)),
+    _Figure("I_gamma corrected, at most", _AFTER, "gamma", at_most(3e-4, printed=0.00474172)),
 )
 
 _INTERPOLANTS: tuple[tuple[str, MethodName, int | None, float, float], ...] = (
@@ -123,22 +94,6 @@ def godorov() -> list[Row]:
     return [*_section_3(), *_other_interpolants(), *_harmonic(), *_section_5()]
 
 
-def as_text(rows: Sequence[Row]) -> str:
-    """The rows as a table for the terminal, with a line on how many are within their tolerance."""
-    head = f"{'item':<30} {'quantity':<27} {'printed':>11} {'oracle':>11} {'ours':>12} {'difference':>11}"
-    lines = [head]
-    for row in rows:
-        printed = "" if row["printed"] is None else f"{row['printed']:g}"
-        verdict = "" if row["within"] else "  NOT WITHIN"
-        lines.append(
-            f"{row['item']:<30} {row['quantity']:<27} {printed:>11} {row['oracle']:>11g} "
-            f"{row['ours']:>12.6g} {row['relative_difference']:>11.1e}{verdict}"
-        )
-    within = sum(row["within"] for row in rows)
-    lines.append(f"{within} of {len(rows)} figures within their tolerance. Source: {SOURCE}")
-    return "\n".join(lines)
-
-
 def _section_3() -> Iterator[Row]:
     figures = _run(_CONING, 0.0, _local_cubic(), "none")
     for figure in _CUBIC:
@@ -149,10 +104,8 @@ def _other_interpolants() -> Iterator[Row]:
     for name, method, degree, before, after in _INTERPOLANTS:
         settings = interpolate.Settings(method=method, degree=degree, oversampling=_OVERSAMPLING)
         figures = _run(_CONING, 0.0, settings, "none")
-        yield _Figure("I_gamma", _BEFORE, "gamma", before, 0.01).beside(name, figures[_BEFORE, "gamma"])
-        yield _Figure("I_gamma corrected", _AFTER, "gamma", after, 0.01).beside(
-            name, figures[_AFTER, "gamma"]
-        )
+        for quantity, metric, oracle in (("I_gamma", _BEFORE, before), ("I_gamma corrected", _AFTER, after)):
+            yield near(oracle, 0.01).beside(SOURCE, name, quantity, figures[metric, "gamma"])
 
 
 def _harmonic() -> Iterator[Row]:
@@ -167,7 +120,7 @@ def _harmonic() -> Iterator[Row]:
         except StageError:
             refused = 1.0
         quantity = f"harmonic {harmonics} refused (1: yes)"
-        yield _Figure(quantity, "", "", 1.0, 0.0).beside("harmonic model", refused)
+        yield near(1.0, 0.0).beside(SOURCE, "harmonic model", quantity, refused)
 
 
 def _section_5() -> Iterator[Row]:

@@ -1,0 +1,104 @@
+"""Options of the simulators: numbers with their units, spans of time, faults of stamps and transport."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.errors import ExitCode, GyrostandError
+
+RecordingPath = Annotated[
+    Path,
+    typer.Argument(
+        help="The recording; the suffix says its format: .mcap, .bag, .csv, none for a ROS 2 bag (db3).",
+        show_default=False,
+    ),
+]
+SampleJitter = Annotated[float, typer.Option(help="1 sigma of the sampling instants, s.")]
+StampNoise = Annotated[float, typer.Option(help="1 sigma of the stamps, s.")]
+Gap = Annotated[list[str] | None, typer.Option(help="Lost samples, START:LENGTH in s; repeatable.")]
+NanBurst = Annotated[list[str] | None, typer.Option(help="NaN samples, START:LENGTH in s; repeatable.")]
+BackwardStamp = Annotated[list[float] | None, typer.Option(help="A stamp that goes back, at s.")]
+RepeatedSample = Annotated[list[float] | None, typer.Option(help="A sample recorded twice, at s.")]
+LogDelay = Annotated[float, typer.Option(help="Of the recorder's clock behind the stamps, s.")]
+LogJitter = Annotated[float, typer.Option(help="1 sigma of the recorder's delay, s.")]
+Seed = Annotated[int, typer.Option(min=0, help="Of all that is random.")]
+
+
+class OptionError(GyrostandError):
+    """An option's value is not what it should be."""
+
+    exit_code = ExitCode.USAGE
+
+
+def quantity(option: str, text: str, dimension: str) -> float:
+    """A number with its unit, such as ``1 deg``, in SI and radians."""
+    (value,) = numbers(option, text, dimension, 1)
+    return value
+
+
+def pair(option: str, text: str, dimension: str) -> tuple[float, float]:
+    """Two numbers that share a unit."""
+    first, second = numbers(option, text, dimension, 2)
+    return first, second
+
+
+def triple(option: str, text: str, dimension: str) -> tuple[float, float, float]:
+    """Three numbers that share a unit."""
+    first, second, third = numbers(option, text, dimension, 3)
+    return first, second, third
+
+
+def numbers(option: str, text: str, dimension: str, count: int) -> list[float]:
+    """Numbers that share a unit, such as ``1e-4 0 0 rad/s``, in SI and radians.
+
+    Parameters
+    ----------
+    option : str
+        For the error.
+    text : str
+        What was given.
+    dimension : str
+        Of the unit, see `pipeline.units`.
+    count : int
+        How many numbers.
+
+    Raises
+    ------
+    OptionError
+        If the text is not so.
+    """
+    from pipeline import units
+
+    *given, unit = text.split() or [""]
+    factor = units.factor(unit, dimension)
+    values = _floats(given)
+    if factor is None or len(values) != count:
+        raise OptionError(
+            option,
+            expected=f"{count} number{'s' * (count > 1)} and a unit of {dimension}",
+            found=repr(text),
+            remedy=units.nearest(unit, dimension) if factor is None else "give the numbers before the unit",
+        )
+    return [value * factor for value in values]
+
+
+def _floats(texts: list[str]) -> list[float]:
+    """The numbers, or none where one is no number."""
+    try:
+        return [float(text) for text in texts]
+    except ValueError:
+        return []
+
+
+def span(option: str, text: str) -> tuple[float, float]:
+    """``START:LENGTH`` in seconds."""
+    start, _, length = text.partition(":")
+    try:
+        return float(start), float(length)
+    except ValueError:
+        raise OptionError(
+            option, expected="START:LENGTH in seconds", found=repr(text), remedy="for example 0.5:0.02"
+        ) from None

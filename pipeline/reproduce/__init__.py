@@ -1,0 +1,9 @@
+"""The published figures, computed by the pipeline and set beside the papers'."""
+
+from __future__ import annotations
+
+from pipeline.reproduce.godorov import godorov
+from pipeline.reproduce.gubarenko import gubarenko
+from pipeline.reproduce.rows import Row, as_text
+
+__all__ = ["Row", "as_text", "godorov", "gubarenko"]

@@ -1,0 +1,70 @@
+"""Score of the procedure `drift`: its parameters, residuals and hold-out as figures that a plan can limit.
+
+Drift is given in deg/h, angles in arcmin, residuals in arcsec, as the field reads them. The channel is the
+method, with ``.run0`` behind it for what is one run's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from pipeline.models.gyro_drift import DRIFT, MISALIGNMENT, TILT
+from pipeline.stages.base import Settings as _Settings
+from pipeline.stages.base import Stand, Tables, metric, rows
+
+CONSUMES = ("drift_parameters", "residuals")
+MAY_CONSUME: tuple[str, ...] = ()
+PRODUCES = ("metrics",)
+METRICS: tuple[str, ...] = ("residual_rms", "hold_out_rms", *DRIFT, *TILT, *MISALIGNMENT)
+
+_ARCMIN = float(np.rad2deg(1) * 60)
+_ARCSEC = float(np.rad2deg(1) * 3600)
+
+
+class Settings(_Settings):
+    """Nothing to choose."""
+
+
+def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]:  # noqa: ARG001
+    """Compute the figures.
+
+    Parameters
+    ----------
+    tables : mapping
+        ``drift_parameters`` and ``residuals``.
+
+    Returns
+    -------
+    dict
+        ``metrics``: residual_rms, hold_out_rms (arcsec) of each method; each drift parameter (deg/h) and
+        installation error (arcmin) with its standard error.
+    """
+    figures = [*_residuals(tables["residuals"]), *_parameters(tables["drift_parameters"])]
+    return {"metrics": rows("metrics", figures)}
+
+
+def _residuals(residuals: pa.Table) -> Iterator[dict[str, Any]]:
+    """Root mean square over both angles, of the samples used and of those held out."""
+    for name, state in (("residual_rms", "used"), ("hold_out_rms", "held out")):
+        of = residuals.filter(pc.equal(residuals["state"], state))
+        for method in pc.unique(of["method"]).to_pylist():
+            rows_of = of.filter(pc.equal(of["method"], method))
+            both = np.concatenate([rows_of[c].to_numpy() for c in ("residual1", "residual2")])
+            yield metric("score_drift", method, name, float(np.sqrt(np.mean(both**2))) * _ARCSEC, "arcsec")
+
+
+def _parameters(parameters: pa.Table) -> Iterator[dict[str, Any]]:
+    for row in parameters.to_pylist():
+        channel = row["method"] if row["run"] is None else f"{row['method']}.run{row['run']}"
+        name = row["parameter"]
+        if name in DRIFT:
+            error = row["drift_standard_error"]
+            yield metric("score_drift", channel, name, row["drift"], "deg/h", error)
+        elif name in METRICS and row["value"] is not None:
+            value, error = row["value"] * _ARCMIN, row["standard_error"] * _ARCMIN
+            yield metric("score_drift", channel, name, value, "arcmin", error)

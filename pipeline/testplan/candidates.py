@@ -1,0 +1,128 @@
+"""What in a recording may be a stream, by the names of its fields and the types of its messages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from pipeline import units
+from pipeline.formats.base import Field, Topic
+from pipeline.stages.channel_map import Quantity, StreamName
+
+_UNIT = re.compile(r"\s*(?:\([^()\[\]]*\)|\[[^()\[\]\d]+\])$")
+_COMPONENT = re.compile(
+    r"(?P<stem>.*?)[\s._-]*(?P<axis>[wxyzpqr]|\[\d\])(?:_(?:rad|deg|r|d)(?:s|_s|ps)?|_dps)?$", re.IGNORECASE
+)
+_GYRO = re.compile(
+    r"gyr|omega|ω|ang(?:ular)?[\s_.]*(?:rate|vel)|body[\s_.]*rate|(?:^|[._\s\]])[gw]$", re.IGNORECASE
+)
+_QUATERNION = re.compile(r"quat|orientation|attitude|rotation|(?:^|[._\s\]])q$", re.IGNORECASE)
+_NO_CHANNEL = re.compile(r"covariance|bias|integral|variance|temp", re.IGNORECASE)
+_REFERENCE = re.compile(r"quat|ref|truth|mocap|optic|vicon|encoder", re.IGNORECASE)
+_GIMBAL = re.compile(r"gimbal|encoder|resolver|alpha|α|(?:^|[._\s])enc(?:[._\s\d\[]|$)", re.IGNORECASE)
+_NO_ANGLE = re.compile(
+    r"rate|vel|speed|acc|torque|effort|current|volt|error|status|valid|time|stamp|cmd|command", re.IGNORECASE
+)
+_LAST_NUMBER = re.compile(r"(?<!\d)[01](?!\d)(?=\D*$)")
+_OUTER = re.compile(r"outer", re.IGNORECASE)
+_X = re.compile(r"(?:^|(?<=[._\s]))x$", re.IGNORECASE)
+_AXES = {
+    "angular_rate": (("p", "q", "r"), ("x", "y", "z"), ("[0]", "[1]", "[2]")),
+    "quaternion": (("w", "x", "y", "z"),),
+}
+_EULER_KRYLOV = ("psi", "theta", "gamma")
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Fields of a topic that may be a stream; ``fields`` in the order of the quantity's channels."""
+
+    stream: StreamName
+    quantity: Quantity
+    topic: Topic
+    fields: tuple[Field, ...]
+
+    @property
+    def also_rates(self) -> bool:
+        """Whether the message measures rates too: its attitude is then the sensor's own, no reference."""
+        return any("angular_velocity" in f.path for f in self.topic.fields)
+
+    @property
+    def is_named_so(self) -> bool:
+        """Whether more than the shape speaks for it: any pose in a bag holds a quaternion."""
+        names = (self.topic.name, self.topic.message_type, self.fields[0].path)
+        return not self.topic.name or any(_REFERENCE.search(name) for name in names)
+
+
+def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
+    """What may be a gyro, a reference or a gimbal, by the names of fields; in the order of the recording."""
+    found = []
+    for topic in topics:
+        components = _components(topic)
+        for stem, axes in components.items():
+            for names in _AXES["angular_rate"]:
+                alone = stem == "" and names[0] == "p"
+                if all(axis in axes for axis in names) and (alone or _GYRO.search(stem)):
+                    fields = tuple(axes[axis] for axis in names)
+                    found.append(Candidate("gyro", "angular_rate", topic, fields))
+                    break
+            names = _AXES["quaternion"][0]
+            if all(axis in axes for axis in names) and (stem == "" or _QUATERNION.search(stem)):
+                fields = tuple(axes[axis] for axis in names)
+                found.append(Candidate("reference", "quaternion", topic, fields))
+        angles = {bare(f.path).rsplit(".", 1)[-1].lower(): f for f in topic.fields}
+        if all(angle in angles for angle in _EULER_KRYLOV):
+            fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
+            found.append(Candidate("reference", "euler_krylov", topic, fields))
+        found += [Candidate("gimbal", "gimbal_angles", topic, pair) for pair in _gimbal_pairs(topic)]
+    return found
+
+
+def bare(path: str) -> str:
+    """The name without a unit in brackets."""
+    return _UNIT.sub("", path)
+
+
+def _components(topic: Topic) -> dict[str, dict[str, Field]]:
+    """Fields by their stem and axis: ``imu.gyro.x`` is the x of ``imu.gyro``."""
+    components: dict[str, dict[str, Field]] = {}
+    for one in topic.fields:
+        match = _COMPONENT.fullmatch(bare(one.path))
+        if match and not _NO_CHANNEL.search(one.path):
+            components.setdefault(match["stem"], {}).setdefault(match["axis"].lower(), one)
+    return components
+
+
+def _gimbal_pairs(topic: Topic) -> Iterator[tuple[Field, Field]]:
+    """Fields that look like the outer and the inner angle of a gimbal."""
+    fields = {bare(f.path).casefold(): f for f in topic.fields}
+    taken: set[str] = set()
+    for path, outer in fields.items():
+        inner = fields.get(_inner(path, topic) or "")
+        if (
+            inner is None
+            or {outer.path, inner.path} & taken
+            or not (_may_be_angle(outer) and _may_be_angle(inner))
+        ):
+            continue
+        taken |= {outer.path, inner.path}
+        yield outer, inner
+
+
+def _inner(path: str, topic: Topic) -> str | None:
+    """What the inner angle would be called if this field were the outer one of a gimbal."""
+    if _OUTER.search(path):
+        return _OUTER.sub("inner", path)
+    joint = topic.message_type.endswith("/JointState") and path.startswith("position[")
+    number = _LAST_NUMBER.search(path)
+    if number is not None and (joint or _GIMBAL.search(path)):
+        return f"{path[: number.start()]}{int(number[0]) + 1}{path[number.end() :]}"
+    if _X.search(path) and (_GIMBAL.search(topic.name) or _GIMBAL.search(path)):
+        return _X.sub("y", path)
+    return None
+
+
+def _may_be_angle(one: Field) -> bool:
+    stated = units.dimension(one.unit) if one.unit else None
+    return stated in (None, "angle") and not (_NO_CHANNEL.search(one.path) or _NO_ANGLE.search(one.path))
