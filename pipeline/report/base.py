@@ -27,19 +27,24 @@ Tables = Mapping[str, pa.Table]
 class Section:
     """One part of the page: a heading, a sentence that says what is seen, the picture, and what stands below.
 
-    ``below`` is HTML, in which its maker has escaped every text of the tables.
+    ``below`` is HTML, in which its maker has escaped every text of the tables. A section of words alone has
+    no picture.
     """
 
     title: str
     text: str
-    picture: LayoutDOM
+    picture: LayoutDOM | None
     below: str = ""
 
 
 Figures = Callable[[Tables], list[Section]]
 
 FIGURES: Mapping[str, str] = MappingProxyType(
-    {"coning": "pipeline.report.coning", "drift": "pipeline.report.drift"}
+    {
+        "coning": "pipeline.report.coning",
+        "drift": "pipeline.report.drift",
+        "static": "pipeline.report.static",
+    }
 )
 """The module with the figures of each procedure."""
 

@@ -87,6 +87,7 @@ def render(recording_id: str, tables: Tables) -> str:
     procedure = _procedure(tables["provenance"])
     sections = _figures(procedure)(tables)
     places = [f"picture-{i}" for i in range(len(sections))]
+    drawn = {p: s.picture for p, s in zip(places, sections, strict=True) if s.picture is not None}
     pictures = "".join(map(_section, sections, places))
     body = (
         f'<header><p class=kicker>{escape(procedure)} · <a href="{INDEX}">all recordings</a></p>'
@@ -99,8 +100,8 @@ def render(recording_id: str, tables: Tables) -> str:
         f"<footer>A curve shows the extremes in each of {number(COLUMNS)} columns of its time axis. "
         "The full data are in the Parquet tables beside this page.</footer>"
     )
-    scripts = embed.scripts() if sections else ()
-    data = embed.figures([s.picture for s in sections], places) if sections else ""
+    scripts = embed.scripts() if drawn else ()
+    data = embed.figures(list(drawn.values()), list(drawn)) if drawn else ""
     return _document(recording_id, body, data, scripts)
 
 
@@ -147,9 +148,10 @@ def _figures(procedure: str) -> Callable[[Tables], list[Section]]:
 
 
 def _section(section: Section, place: str) -> str:
+    picture = "" if section.picture is None else f'<div class="picture" id="{place}"></div>'
     return (
         f"<section><h2>{escape(section.title)}</h2><p class=note>{escape(section.text)}</p>"
-        f'<div class="picture" id="{place}"></div>{section.below}</section>'
+        f"{picture}{section.below}</section>"
     )
 
 

@@ -64,6 +64,7 @@ def panel(
     x_label: str | None = None,
     ticks: int = 10,
     logarithmic: bool = False,
+    x_logarithmic: bool = False,
 ) -> figure:
     """An empty figure with zoom along x alone; without ``x_label`` it stands above another that has one."""
     zoom = BoxZoomTool(dimensions="width")
@@ -71,6 +72,7 @@ def panel(
     made = figure(
         height=height + (38 if x_label else 0),
         x_range=x_range,
+        x_axis_type="log" if x_logarithmic else "linear",
         y_axis_type="log" if logarithmic else "linear",
         tools=tools,
         active_drag=zoom,
@@ -90,7 +92,8 @@ def panel(
         made.xaxis.major_label_text_font_size = "0px"
     else:
         made.xaxis.axis_label = plain(x_label)
-    made.xaxis.ticker = BasicTicker(desired_num_ticks=ticks)
+    if not x_logarithmic:
+        made.xaxis.ticker = BasicTicker(desired_num_ticks=ticks)
     if not logarithmic:
         made.yaxis.ticker = BasicTicker(desired_num_ticks=4)
     _dress(made)

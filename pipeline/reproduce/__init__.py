@@ -5,5 +5,6 @@ from __future__ import annotations
 from pipeline.reproduce.godorov import godorov
 from pipeline.reproduce.gubarenko import gubarenko
 from pipeline.reproduce.rows import Row, as_text
+from pipeline.reproduce.yang import yang
 
-__all__ = ["Row", "as_text", "godorov", "gubarenko"]
+__all__ = ["Row", "as_text", "godorov", "gubarenko", "yang"]

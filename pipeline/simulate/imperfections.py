@@ -23,6 +23,7 @@ Span = tuple[float, float]
 _EFFECTS = (
     *("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise"),
     *("encoder noise", "coloured encoder noise", "outliers"),
+    *("random error", "random angle error"),
 )
 """New ones go to the end: the place is part of the seed."""
 _MOST_JITTER = 0.45  # of a sample interval: the samples stay in their order
@@ -127,9 +128,19 @@ class TimingErrors:
     log_jitter: float = 0.0
 
 
-def generator(seed: int, effect: str) -> np.random.Generator:
-    """The generator of one random effect, the same for the same seed whatever else is random."""
-    return np.random.Generator(np.random.PCG64([seed, _EFFECTS.index(effect)]))
+def generator(seed: int, effect: str, *part: int) -> np.random.Generator:
+    """The generator of one random effect, or of a part of it, the same whatever else is random.
+
+    Parameters
+    ----------
+    seed : int
+        Of the record.
+    effect : str
+        One of those above.
+    part : int, optional
+        Numbers from 1, such as the axis.
+    """
+    return np.random.Generator(np.random.PCG64([seed, _EFFECTS.index(effect), *part]))
 
 
 def require(
@@ -227,12 +238,26 @@ def spoil(exact: Float, interval: Float, output: Output, errors: GyroErrors, see
     if errors.white_angle_noise:
         noise = generator(seed, "angle noise").standard_normal((len(exact) + 1, 3))
         spoilt = spoilt + errors.white_angle_noise * np.diff(noise, axis=0) * (over / interval[:, None])
-    if not errors.quantum:
-        return spoilt
+    return quantised(spoilt, errors.quantum, output)
+
+
+def quantised(exact: Float, quantum: float, output: Output) -> Float:
+    """The output in whole steps: of the rate, or of the summed angle whose differences the increments are.
+
+    Parameters
+    ----------
+    exact : ndarray, shape (n, k)
+    quantum : float
+        In the unit of ``exact``; 0 for none.
+    output : {"angular_rate", "angle_increment"}
+        Which of them.
+    """
+    if not quantum:
+        return exact
     if output == "angular_rate":
-        return errors.quantum * np.rint(spoilt / errors.quantum)
-    counts = np.rint(np.cumsum(spoilt, axis=0) / errors.quantum)
-    return errors.quantum * np.diff(counts, axis=0, prepend=0.0)
+        return np.asarray(quantum * np.rint(exact / quantum), dtype=np.float64)
+    counts = np.rint(np.cumsum(exact, axis=0) / quantum)
+    return np.asarray(quantum * np.diff(counts, axis=0, prepend=0.0), dtype=np.float64)
 
 
 def encoder_noise(t: Float, errors: EncoderErrors, seed: int) -> tuple[Float, NDArray[np.bool_]]:

@@ -21,6 +21,11 @@ Of the procedure `drift`, one in each mounting scheme of Gubarenko & Kuzmenko (1
     A day with a gap, a burst of NaN and outliers.
 ``vertical.csv``
     Counts of encoders of one arcsec, which begin again at 0 after a turn.
+
+Of the procedure `static`:
+
+``static.mcap``
+    Four hours of angle increments each 2 s, of each axis another noise, with a gap.
 """
 
 from __future__ import annotations
@@ -33,11 +38,14 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pipeline.models.gyro_drift import DRIFT
+from pipeline.models.random_error import Noise1, Noise2, RateRandomWalk, White
 from pipeline.simulate.coning import ConingSettings, simulate_coning
 from pipeline.simulate.drift import simulate_drift
 from pipeline.simulate.drift_settings import DriftRun, DriftSettings, Encoder
 from pipeline.simulate.imperfections import EncoderErrors, GyroErrors, TimingErrors
 from pipeline.simulate.plan import Limit, Processing, paper_stages
+from pipeline.simulate.static import simulate_static
+from pipeline.simulate.static_settings import AxisErrors, StaticSettings
 from pipeline.simulate.streams import AngleUnit
 
 
@@ -45,7 +53,7 @@ from pipeline.simulate.streams import AngleUnit
 class Sample:
     """One sample recording: what is simulated, with which seed, and how it is to be processed."""
 
-    settings: ConingSettings | DriftSettings
+    settings: ConingSettings | DriftSettings | StaticSettings
     processing: Processing
     seed: int = 0
     angle_unit: AngleUnit = "rad"
@@ -54,15 +62,26 @@ class Sample:
         """Write it, with its test plan and its truth."""
         if isinstance(self.settings, DriftSettings):
             simulate_drift(self.settings, self.seed).write(path, processing=self.processing)
+        elif isinstance(self.settings, StaticSettings):
+            record = simulate_static(self.settings, self.seed)
+            record.write(path, processing=self.processing, angle_unit=self.angle_unit)
         else:
             simulated = simulate_coning(self.settings, self.seed)
             simulated.write(path, processing=self.processing, angle_unit=self.angle_unit)
 
 
 _ARCSEC, _ARCMIN = radians(1 / 3600), radians(1 / 60)
+_DEG_H = radians(1 / 3600)
+_ROOT_HOUR = 60.0
+"""Square root of an hour's seconds: 1 deg/sqrt(h) is a degree over it, in rad/sqrt(s)."""
 _GIMBAL_STAND = "simulated gimbal stand"
 _STANDING = (0.8 * _ARCMIN, -0.6 * _ARCMIN, 0.5 * _ARCMIN)
 """Misalignment Delta chi of the base."""
+
+
+def _walk(degrees: float) -> White:
+    """White noise of an angle random walk [deg/sqrt(h)]."""
+    return White((radians(degrees) / _ROOT_HOUR) ** 2)
 
 
 def _gyro(
@@ -224,6 +243,30 @@ SAMPLES: Mapping[str, Sample] = MappingProxyType(
             ),
             Processing("Vertical scheme, encoder counts", _GIMBAL_STAND, {}, _acceptance()),
             seed=4,
+        ),
+        "static.mcap": Sample(
+            StaticSettings(
+                errors={
+                    "p": AxisErrors(terms=(_walk(0.02), Noise1(1.0 * _DEG_H, 0.01)), bias=3 * _DEG_H),
+                    "q": AxisErrors(terms=(_walk(0.02), Noise2(1.0 * _DEG_H, 0.01, 0.05)), bias=-2 * _DEG_H),
+                    "r": AxisErrors(
+                        terms=(_walk(0.01), RateRandomWalk(1.0 * _DEG_H / _ROOT_HOUR)),
+                        quantisation=1.0 * _ARCSEC,
+                    ),
+                },
+                rate=0.5,
+                duration=14_400.0,
+                timing=TimingErrors(gaps=((4000.0, 60.0),)),
+            ),
+            Processing(
+                "Four hours at rest",
+                "simulated pier",
+                limits=(
+                    Limit("lost_count", "gyro_increments", 30.0, None, "samples; a minute was lost"),
+                    Limit("longest_gap", "gyro_increments", 63.0, None, "s"),
+                ),
+            ),
+            seed=5,
         ),
     }
 )

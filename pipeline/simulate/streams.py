@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -15,6 +15,7 @@ from pipeline.formats.base import Series
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 AngleUnit = Literal["rad", "deg"]
+TableQuantity = Literal["table_angle", "table_rate"]
 COUNTS = "counts"
 """In the column's name of a text file, of an encoder that gives whole counts."""
 
@@ -55,6 +56,8 @@ _COLUMNS: Mapping[str, tuple[tuple[str, str, str], str]] = MappingProxyType(
 """The columns of a quantity in a text file, and what their unit has after that of the angle."""
 _GIMBAL = ("vector.x", "vector.y")
 """Where a message carries alpha1 and alpha2."""
+_TABLE = "vector.z"
+"""Where a message carries the angle, or the rate, of a table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,25 +101,34 @@ class RecordedStream:
     wraps_at: float | None = None
 
 
-def as_messages(name: str, quantity: str, recorded: Recorded) -> RecordedStream:
-    """A stream of ROS messages, in SI, on the topic of its name."""
+def as_messages(
+    name: str, quantity: str, recorded: Recorded, only: Sequence[str] | None = None
+) -> RecordedStream:
+    """A stream of ROS messages, in SI, on the topic of its name; of all channels, or of some."""
     message = _MESSAGES[quantity]
+    fields = {channel: path for channel, path in message.fields.items() if only is None or channel in only}
     series = Series(
         topic=f"/{name}",
         message_type=message.type,
         log_time=recorded.log_time,
         header_stamp=recorded.header_stamp,
-        columns={path: recorded.values[:, k] for k, path in enumerate(message.fields.values())},
+        columns={path: recorded.values[:, k] for k, path in enumerate(fields.values())},
     )
-    return RecordedStream(name, quantity, series.topic, message.fields, message.unit, series)
+    return RecordedStream(name, quantity, series.topic, fields, message.unit, series)
 
 
-def as_columns(name: str, quantity: str, recorded: Recorded, angle_unit: AngleUnit) -> RecordedStream:
-    """Columns of a text file, with their unit in the header."""
+def as_columns(
+    name: str,
+    quantity: str,
+    recorded: Recorded,
+    angle_unit: AngleUnit,
+    only: Sequence[str] | None = None,
+) -> RecordedStream:
+    """Columns of a text file, with their unit in the header; of all channels, or of some."""
     channels, per = _COLUMNS[quantity]
     unit = f"{angle_unit}{per}"
     values = recorded.values if angle_unit == "rad" else np.degrees(recorded.values)
-    fields = {channel: f"{channel} ({unit})" for channel in channels}
+    fields = {channel: f"{channel} ({unit})" for channel in channels if only is None or channel in only}
     series = Series(
         topic=f"/{name}",
         message_type="",
@@ -159,3 +171,34 @@ def gimbal(
     turn = 360.0 if unit == "deg" else 2 * np.pi
     scale = turn / counts if counts else 1.0
     return RecordedStream("gimbal", "gimbal_angles", topic, fields, unit, series, scale, wraps_at)
+
+
+def turntable(
+    recorded: Recorded, quantity: TableQuantity, unit: str, *, text: bool, wraps_at: float | None
+) -> RecordedStream:
+    """The angle or the rate of a table.
+
+    Parameters
+    ----------
+    recorded : Recorded
+        Clocks and values in the unit, shape (n, 1).
+    quantity : {"table_angle", "table_rate"}
+        Which of them.
+    unit : str
+        Of the values.
+    text : bool
+        For a text file: a column; else ROS messages.
+    wraps_at : float, optional
+        Value at which an angle begins again at 0.
+    """
+    channel = "angle" if quantity == "table_angle" else "rate"
+    path = f"table {channel} ({unit})" if text else _TABLE
+    series = Series(
+        topic="/turntable",
+        message_type="" if text else "geometry_msgs/msg/Vector3Stamped",
+        log_time=recorded.log_time,
+        header_stamp=recorded.header_stamp,
+        columns={path: recorded.values[:, 0]},
+    )
+    topic = "" if text else series.topic
+    return RecordedStream("turntable", quantity, topic, {channel: path}, unit, series, 1.0, wraps_at)

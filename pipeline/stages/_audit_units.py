@@ -92,8 +92,8 @@ def audit_units(
 
     Parameters
     ----------
-    values : ndarray, shape (n, 3)
-        Rates [rad/s] or angle increments [rad] of the gyro.
+    values : ndarray, shape (n, k)
+        Rates [rad/s] or angle increments [rad] of the gyro, one column a channel.
     """
     if comparison is not None and comparison.determined >= _DETERMINED:
         ratio = comparison.ratio

@@ -56,8 +56,7 @@ def audit_values(
     comparison : Comparison, optional
         Gyro against reference, to tell a steady rate from a frozen one.
     """
-    finite = {name: np.isfinite(values) for name, values in channels.items()}
-    _mark_not_finite(report, finite)
+    finite = audit_missing(report, channels)
     _say_silent_channels(report, channels, finite)
     if report.stream != "gimbal":  # an encoder holds a slow angle, by its quantum
         _say_held(report, channels, finite, regular)
@@ -87,8 +86,15 @@ def _count(report: StreamReport, name: str, masks: Mapping[str, Bool]) -> None:
     report.figure(name, int(np.any(list(masks.values()), axis=0).sum()))
 
 
-def _mark_not_finite(report: StreamReport, finite: Mapping[str, Bool]) -> None:
-    """One finding where all channels are NaN together, and one a channel where it is alone."""
+def audit_missing(report: StreamReport, channels: Mapping[str, Float]) -> dict[str, Bool]:
+    """One finding where all channels are NaN together, and one a channel where it is alone.
+
+    Returns
+    -------
+    dict
+        Where each channel is finite, shape (n,).
+    """
+    finite = {name: np.isfinite(values) for name, values in channels.items()}
     missing = {name: ~mask for name, mask in finite.items()}
     together = np.all(list(missing.values()), axis=0)
     empty = [name for name, mask in missing.items() if mask.all()]
@@ -100,6 +106,7 @@ def _mark_not_finite(report: StreamReport, finite: Mapping[str, Bool]) -> None:
             if name not in empty:
                 _mark_nan(report, runs(mask & ~together), name)
     _count(report, "nan_count", missing)
+    return finite
 
 
 def _mark_nan(report: StreamReport, found: Runs, channel: str | None) -> None:

@@ -21,6 +21,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "gyro": ("p", "q", "r"),
         "gyro_increments": ("increment_p", "increment_q", "increment_r"),
         "reference": ANGLES,
+        "turntable": ("angle", "rate"),
         "gimbal": ("alpha1", "alpha2"),
     }
 )
@@ -36,8 +37,13 @@ MARGIN = 8
 """Samples to keep from a gap: the ripple of a quintic spline falls to 0.43 from one sample to the next."""
 
 
+def recorded(table: pa.Table, stream: str) -> tuple[str, ...]:
+    """The channels of a stream that were recorded: the columns of the others are null."""
+    return tuple(name for name in CHANNELS[stream] if table.column(name).null_count == 0)
+
+
 def channels(table: pa.Table, stream: str) -> NDArray[np.float64]:
-    """The channels of a stream, shape (n, k)."""
+    """The channels of a stream, shape (n, k); those that were not recorded are NaN."""
     return np.stack([table.column(name).to_numpy() for name in CHANNELS[stream]], axis=1)
 
 

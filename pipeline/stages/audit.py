@@ -29,16 +29,16 @@ from pipeline.stages._audit_gimbal import audit_earth_rate, of_all_runs
 from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_attitude, audit_units, compare
-from pipeline.stages._audit_values import Thresholds, audit_values
+from pipeline.stages._audit_values import Thresholds, audit_missing, audit_values
 from pipeline.stages._gimbal_samples import gimbal_runs
-from pipeline.stages._streams import CHANNELS, channels
-from pipeline.stages.base import ANGLES, Severity, Stand, Tables, counted, rows
+from pipeline.stages._streams import recorded
 from pipeline.stages.base import Settings as _Settings
+from pipeline.stages.base import Severity, Stand, Tables, counted, rows
 
 CONSUMES: tuple[str, ...] = ()
-MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference", "gimbal", "runs")
+MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference", "turntable", "gimbal", "runs")
 PRODUCES: tuple[str, ...] = ("findings", "metrics")
-_STREAMS = ("gyro", "gyro_increments", "reference")
+_STREAMS = ("gyro", "gyro_increments", "reference", "turntable")
 """One stream a table; of ``gimbal`` each run is one."""
 
 METRICS = (
@@ -156,17 +156,21 @@ def _marked(
         return report
     regular = audit_stamps(report, settings.gap_factor, settings.max_jitter)
     audit_clocks(report, table, settings.max_clock_drift, settings.max_clock_jump)
-    values = channels(table, stream)
+    channels = {name: table.column(name).to_numpy() for name in recorded(table, stream)}
+    if stream == "turntable":  # a table stands, turns evenly or steps: nothing of that is a fault
+        audit_missing(report, channels)
+        return report
     audit_values(
         report,
-        dict(zip(CHANNELS[stream], values.T, strict=True)),
+        channels,
         Thresholds(settings.frozen_samples, settings.clipped_samples, settings.spike_factor),
         regular,
         comparison,
     )
     if stream == "reference":
-        audit_attitude(report, values[:, ANGLES.index("theta")])
+        audit_attitude(report, channels["theta"])
     elif stream != "gimbal":
+        values = np.column_stack(list(channels.values()))
         audit_units(
             report, values[np.isfinite(values).all(axis=1)], regular, comparison, settings.max_plausible_rate
         )

@@ -18,15 +18,30 @@ from pipeline.plan_faults import Fault, refuse
 from pipeline.stages.base import ANGLES
 from pipeline.stages.base import Settings as _Settings
 
-StreamName = Literal["gyro", "reference", "gimbal"]
-Quantity = Literal["angular_rate", "angle_increment", "euler_krylov", "quaternion", "gimbal_angles"]
+StreamName = Literal["gyro", "reference", "gimbal", "turntable"]
+Quantity = Literal[
+    "angular_rate",
+    "angle_increment",
+    "euler_krylov",
+    "quaternion",
+    "gimbal_angles",
+    "table_angle",
+    "table_rate",
+]
 
 CHANNELS: dict[StreamName, dict[Quantity, tuple[str, ...]]] = {
     "gyro": {"angular_rate": ("p", "q", "r"), "angle_increment": ("p", "q", "r")},
     "reference": {"euler_krylov": ANGLES, "quaternion": ("w", "x", "y", "z")},
     "gimbal": {"gimbal_angles": ("alpha1", "alpha2")},
+    "turntable": {"table_angle": ("angle",), "table_rate": ("rate",)},
 }
-"""The channels that each stream needs, by the kind of quantity it records."""
+"""The channels of each stream, by the kind of quantity it records."""
+
+IN_PART: tuple[StreamName, ...] = ("gyro",)
+"""Streams that need not have all their channels: a sensor may have one axis."""
+
+WRAPPING: tuple[Quantity, ...] = ("gimbal_angles", "table_angle")
+"""Quantities of encoders, which may begin again at 0."""
 
 DIMENSIONS: dict[Quantity, str] = {
     "angular_rate": "angular rate",
@@ -34,6 +49,8 @@ DIMENSIONS: dict[Quantity, str] = {
     "euler_krylov": "angle",
     "quaternion": "pure number",
     "gimbal_angles": "angle",
+    "table_angle": "angle",
+    "table_rate": "angular rate",
 }
 """What the units of a quantity's channels measure, see `pipeline.units`."""
 
@@ -89,8 +106,8 @@ class Channel(_Settings):
     wraps_at: float | None = Field(
         None,
         gt=0,
-        description="of gimbal angles: the raw value, before scale and offset, at which the encoder begins "
-        "again at 0, e.g. 1048576 counts",
+        description="of gimbal and table angles: the raw value, before scale and offset, at which the "
+        "encoder begins again at 0, e.g. 1048576 counts",
     )
 
     @field_validator("scale")
@@ -156,7 +173,8 @@ class Stream(_Settings):
     quantity: Quantity = Field(description="what the channels are")
     time: Clock | None = Field(None, description="clock of this stream, in place of [time]")
     channels: dict[str, Channel] = Field(
-        description="p, q, r; psi, theta, gamma; w, x, y, z; or alpha1, alpha2"
+        min_length=1,
+        description="p, q, r; psi, theta, gamma; w, x, y, z; alpha1, alpha2; angle; or rate",
     )
     rotation: Rotation | None = Field(
         None, description="rows of the rotation matrix from the sensor's axes to the body axes"
@@ -215,7 +233,7 @@ def channel_faults(name: StreamName, stream: Stream) -> list[Fault]:
         remedy = "correct the quantity, or put the channels into the stream that they belong to"
         return [Fault((name, "quantity"), expected, repr(stream.quantity), remedy)]
     faults = [
-        *_name_faults(stream, known[stream.quantity]),
+        *_name_faults(name, stream),
         *_unit_faults(stream),
         *_field_faults(stream),
         *_wrap_faults(stream),
@@ -232,32 +250,52 @@ def _axes_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
         if name == "gimbal":
             remedy = "remove it; scheme or chi_deg of [stand] says how the base is turned"
         yield Fault(("reference_rotation",), expected, f"it in the stream {name!r}", remedy)
-    if stream.rotation is not None and name == "gimbal":
+    if stream.rotation is None:
+        return
+    if name == "gimbal":
         expected = "no rotation in the stream 'gimbal', whose angles are about the gimbal's own axes"
         remedy = "remove it; sign and offset of a channel turn it, scheme or chi_deg of [stand] the base"
         yield Fault(("rotation",), expected, "one", remedy)
+    elif name == "turntable":
+        expected = "no rotation in the stream 'turntable', which has one axis"
+        yield Fault(("rotation",), expected, "one", "remove it; sign of the channel turns it")
 
 
 def _wrap_faults(stream: Stream) -> Iterator[Fault]:
     """Counters that begin again, where none is expected."""
     for name, channel in stream.channels.items():
-        if channel.wraps_at is not None and stream.quantity != "gimbal_angles":
-            expected = "wraps_at only for quantity 'gimbal_angles'"
+        if channel.wraps_at is not None and stream.quantity not in WRAPPING:
+            expected = f"wraps_at only for quantity {' or '.join(map(repr, WRAPPING))}"
             yield Fault(("channels", name, "wraps_at"), expected, repr(stream.quantity), "remove it")
 
 
-def _name_faults(stream: Stream, needed: tuple[str, ...]) -> Iterator[Fault]:
-    """Channels that the quantity does not have, else those that are missing."""
-    expected = f"the channels {', '.join(needed)} for quantity {stream.quantity!r}"
-    strange = [channel for channel in stream.channels if channel not in needed]
-    for channel in strange:
-        near = get_close_matches(channel, needed, n=1, cutoff=0.5)
-        remedy = f"did you mean {near[0]!r}?" if near else "remove it, or correct its name"
-        yield Fault(("channels", channel), expected, repr(channel), remedy)
+def missing_channels(name: StreamName, stream: Stream) -> Iterator[Fault]:
+    """The channels that a stream lacks, as one fault; its key is from the stream."""
+    needed = CHANNELS[name][stream.quantity]
     missing = [channel for channel in needed if channel not in stream.channels]
-    if missing and not strange:
+    if missing:
+        expected = f"the channels {', '.join(needed)} for quantity {stream.quantity!r}"
         remedy = f"add channels.{missing[0]} = {{ field = …, unit = … }}"
         yield Fault(("channels",), expected, f"no {', '.join(missing)}", remedy)
+
+
+def _name_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
+    """Channels that the quantity does not have, else those that are missing."""
+    known = CHANNELS[name][stream.quantity]
+    strange = [channel for channel in stream.channels if channel not in known]
+    expected = f"the channels {', '.join(known)} for quantity {stream.quantity!r}"
+    for channel in strange:
+        near = get_close_matches(channel, known, n=1, cutoff=0.5)
+        remedy = f"did you mean {near[0]!r}?" if near else "remove it, or correct its name"
+        yield Fault(("channels", channel), expected, repr(channel), remedy)
+    if strange:
+        return
+    if name not in IN_PART:
+        yield from missing_channels(name, stream)
+    elif stream.rotation is not None:
+        for fault in missing_channels(name, stream):
+            expected = f"all of {', '.join(known)} beside rotation, which mixes them"
+            yield fault._replace(expected=expected, remedy=f"{fault.remedy}, or remove rotation")
 
 
 def _field_faults(stream: Stream) -> Iterator[Fault]:

@@ -5,7 +5,8 @@ unit and by which clock. Samples stay in the order of the file, under the time t
 without time cannot be kept. What could not be read, and what was missing in it, becomes findings.
 
 A stream's table holds the messages in which at least one of its channels is present: a text file holds all
-streams in one, with empty cells where one of them has no sample.
+streams in one, with empty cells where one of them has no sample. The columns of a gyro's channel that the
+plan does not map are null.
 
 Gimbal angles are parted into the runs of the plan (`_runs`), which may lie in further recordings.
 """
@@ -51,7 +52,7 @@ from pipeline.stages.channel_map import (
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ()
-PRODUCES = ("gyro", "gyro_increments", "reference", "gimbal", "runs", "findings")
+PRODUCES = ("gyro", "gyro_increments", "reference", "turntable", "gimbal", "runs", "findings")
 METRICS: tuple[str, ...] = ()
 
 UNIT_NORM = 1e-3
@@ -129,7 +130,7 @@ class _Samples:
     time : ndarray of int64, shape (n,)
         By the clock of the plan [ns].
     values : ndarray, shape (n, k)
-        One column a channel, in the order of `CHANNELS`, in SI; NaN where a channel is missing.
+        One column a channel of the plan, in the order of `CHANNELS`, in SI; NaN where a value is missing.
     findings : list
         What is to be said of them.
     """
@@ -141,6 +142,11 @@ class _Samples:
     time: Time
     values: Float
     findings: Findings = field(default_factory=list)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Those of the plan, in the order of `CHANNELS`."""
+        return tuple(c for c in CHANNELS[self.name][self.stream.quantity] if c in self.stream.channels)
 
     def only(self, some: Mask) -> _Samples:
         """Some of the samples."""
@@ -183,8 +189,8 @@ def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table
     Returns
     -------
     dict
-        ``gyro`` or ``gyro_increments``, ``reference``, and ``gimbal`` with ``runs``, as far as the plan maps
-        them; ``findings``: losses and what was missing.
+        ``gyro`` or ``gyro_increments``, ``reference``, ``turntable``, and ``gimbal`` with ``runs``, as far as
+        the plan maps them; ``findings``: losses and what was missing.
 
     Raises
     ------
@@ -270,7 +276,7 @@ def _request(stream: Stream, clock: Clock) -> Request:
 def _samples(recording: Path, name: StreamName, stream: Stream, clock: Clock, topic: pa.Table) -> _Samples:
     """The rows of a topic that are samples of the stream, in SI and with their time."""
     where = f"{recording}, stream {name!r}"
-    channels = {channel: stream.channels[channel] for channel in CHANNELS[name][stream.quantity]}
+    channels = {c: stream.channels[c] for c in CHANNELS[name][stream.quantity] if c in stream.channels}
     present = {channel: valid(topic.column(c.field)) for channel, c in channels.items()}
     is_sample = np.logical_or.reduce(list(present.values()))
     time, timed = sample_times(topic, clock, where)
@@ -306,33 +312,34 @@ def _columns(samples: _Samples) -> tuple[str, Mapping[str, Float]]:
     """The table that the stream becomes, and its channels in body and reference axes."""
     match samples.stream.quantity:
         case "angular_rate":
-            return "gyro", _named(("p", "q", "r"), _in_body_axes(samples))
+            return "gyro", _named(samples.channels, _in_body_axes(samples))
         case "angle_increment":
-            return "gyro_increments", _named(
-                ("increment_p", "increment_q", "increment_r"), _in_body_axes(samples)
-            )
+            names = (f"increment_{channel}" for channel in samples.channels)
+            return "gyro_increments", _named(names, _in_body_axes(samples))
         case "euler_krylov":
             return "reference", _named(ANGLES, _euler_krylov(samples))
+        case "table_angle" | "table_rate":
+            return "turntable", _named(samples.channels, _without_wraps(samples))
         case "gimbal_angles":
-            return "gimbal", _named(("alpha1", "alpha2"), _without_wraps(samples))
+            angles = _without_wraps(samples)
+            # Within a quarter turn of 0 wherever the gimbal can serve, so 350 deg is -10.
+            if samples.stream.channels["alpha2"].wraps_at is not None:
+                angles[:, 1] -= _whole_turns(angles[:, 1])
+            return "gimbal", _named(samples.channels, angles)
         case "quaternion":
             angles = euler_krylov_from_quaternion(_turned(_unit_quaternions(samples), samples.stream))
             return "reference", _named(ANGLES, angles)
 
 
 def _without_wraps(samples: _Samples) -> Float:
-    """Gimbal angles, the beginnings of an encoder's count undone where the plan says that it wraps."""
+    """Angles of encoders, the beginnings of a count undone where the plan says that it wraps."""
     values = samples.values.copy()
     of = DIMENSIONS[samples.stream.quantity]
-    for k, name in enumerate(CHANNELS["gimbal"]["gimbal_angles"]):
+    for k, name in enumerate(samples.channels):
         channel = samples.stream.channels[name]
         if channel.wraps_at is not None:
             period = channel.wraps_at * abs(channel.scale) * _factor(channel.unit, of)
             values[:, k] = unwrapped(values[:, k], samples.time, period, f"{samples.where}, channel {name!r}")
-            if (
-                name == "alpha2"
-            ):  # within a quarter turn of 0 wherever the gimbal can serve, so 350 deg is -10
-                values[:, k] -= _whole_turns(values[:, k])
     return values
 
 
@@ -381,9 +388,10 @@ def _unit_quaternions(samples: _Samples) -> Float:
 
 
 def _table(name: str, samples: _Samples, columns: Mapping[str, Float]) -> pa.Table:
-    absent = pa.nulls(samples.table.num_rows, pa.int64())
-    clocks = {c: samples.table.column(c) if c in samples.table.column_names else absent for c in CLOCKS}
-    return contracts.table(name, {"time": samples.time, **clocks, **columns})
+    """The table of a stream; a clock or channel that it does not have is null throughout."""
+    clocks = {c: samples.table.column(c) for c in CLOCKS if c in samples.table.column_names}
+    absent = dict.fromkeys(contracts.contract(name).schema.names, pa.nulls(samples.table.num_rows))
+    return contracts.table(name, {**absent, "time": samples.time, **clocks, **columns})
 
 
 def _named(names: Iterable[str], values: Float) -> dict[str, Float]:

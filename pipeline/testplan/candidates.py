@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
 from pipeline import units
@@ -24,6 +24,12 @@ _GIMBAL = re.compile(r"gimbal|encoder|resolver|alpha|α|(?:^|[._\s])enc(?:[._\s\
 _NO_ANGLE = re.compile(
     r"rate|vel|speed|acc|torque|effort|current|volt|error|status|valid|time|stamp|cmd|command", re.IGNORECASE
 )
+_TABLE = re.compile(r"turn[\s_-]?table|rate[\s_-]?table|(?:^|[\s._/])table(?:[\s._(\[/]|$)", re.IGNORECASE)
+_TABLE_ANGLE = re.compile(r"angle|position|encoder|(?:^|[._\s])[zθ]$", re.IGNORECASE)
+_NO_TABLE = re.compile(
+    r"acc|torque|current|volt|error|status|valid|time|stamp|cmd|command|temp|covariance", re.IGNORECASE
+)
+_TABLE_RATE = re.compile(r"rate|vel|speed", re.IGNORECASE)
 _LAST_NUMBER = re.compile(r"(?<!\d)[01](?!\d)(?=\D*$)")
 _OUTER = re.compile(r"outer", re.IGNORECASE)
 _X = re.compile(r"(?:^|(?<=[._\s]))x$", re.IGNORECASE)
@@ -56,7 +62,7 @@ class Candidate:
 
 
 def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
-    """What may be a gyro, a reference or a gimbal, by the names of fields; in the order of the recording."""
+    """What may be a gyro, a reference, a gimbal or a table, by the names of fields, in their order."""
     found = []
     for topic in topics:
         components = _components(topic)
@@ -76,6 +82,8 @@ def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
             fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
             found.append(Candidate("reference", "euler_krylov", topic, fields))
         found += [Candidate("gimbal", "gimbal_angles", topic, pair) for pair in _gimbal_pairs(topic)]
+        taken = {one.path for c in found if c.topic is topic for one in c.fields}
+        found += _tables(topic, taken)
     return found
 
 
@@ -92,6 +100,21 @@ def _components(topic: Topic) -> dict[str, dict[str, Field]]:
         if match and not _NO_CHANNEL.search(one.path):
             components.setdefault(match["stem"], {}).setdefault(match["axis"].lower(), one)
     return components
+
+
+def _tables(topic: Topic, taken: Container[str]) -> Iterator[Candidate]:
+    """Fields that look like the rate or the angle of a table that turns, and are not taken."""
+    for one in topic.fields:
+        path = bare(one.path)
+        of_table = _TABLE.search(path) or _TABLE.search(topic.name)
+        if not of_table or one.path in taken or _NO_TABLE.search(path):
+            continue
+        own = _TABLE.sub(" ", path)  # "rate table angle" is no rate
+        stated = units.dimension(one.unit) if one.unit else None
+        if stated == "angular rate" or (stated is None and _TABLE_RATE.search(own)):
+            yield Candidate("turntable", "table_rate", topic, (one,))
+        elif stated == "angle" or (stated is None and _TABLE_ANGLE.search(own)):
+            yield Candidate("turntable", "table_angle", topic, (one,))
 
 
 def _gimbal_pairs(topic: Topic) -> Iterator[tuple[Field, Field]]:

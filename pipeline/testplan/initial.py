@@ -1,6 +1,6 @@
 """A first test plan from what a recording holds: ``gyrostand plan init``.
 
-Types of messages and names of fields suggest which are the gyro and the reference, or the gimbal of a gyro,
+Types of messages and names of fields suggest which are the gyro and the reference, the table or the gimbal,
 and with that the procedure; the plan says so in comments, for the engineer to confirm. A unit is written
 where the file itself states it, and a clock where there is but one; every other is a blank, marked FILL IN,
 that ``gyrostand plan check`` refuses.
@@ -36,12 +36,21 @@ _STAND = {
     "coning": (
         "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
     ),
+    "static": (),
     "drift": (
         'latitude_deg = ""    # FILL IN: degrees north, a number without quotes',
         'scheme = ""    # FILL IN: polar, equatorial, horizontal, vertical; or chi_deg = [chi1, chi2, chi3]',
     ),
 }
 """What [stand] holds, by procedure."""
+
+_GYRO_ALONE = (
+    '# "coning": the attitude of a gyro on a vibration stand. "static": the noise of a gyro in a long record',
+    "# at rest, or on a table that turns evenly.",
+)
+"""What is said of the procedures of a gyro without a reference."""
+
+_PART = "# The procedure static does with any of p, q and r: remove the others."
 
 _GIMBAL = (
     "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
@@ -63,6 +72,7 @@ _LIMIT = {
         "upper = 0.2",
         "marginal_upper = 0.15",
     ),
+    "static": ('metric = "lost_count"', 'channel = "gyro"', "upper = 0"),
     "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
 }
 """A limit that stands as a comment in the plan of each procedure."""
@@ -95,15 +105,19 @@ def initial_plan(inspection: Inspection) -> str:
     candidates = find_candidates(inspection.topics)
     gyro = _first(candidates, "gyro")
     gimbal = _first(candidates, "gimbal")
-    procedure = "drift" if gyro is None and gimbal is not None else "coning"
     second = _first([c for c in candidates if not c.also_rates and c.is_named_so], "reference")
-    chosen = [c for c in ((gimbal,) if procedure == "drift" else (gyro, second)) if c is not None]
+    table = _first(candidates, "turntable") if second is None else None
+    procedure = "coning" if table is None else "static"
+    if gyro is None and gimbal is not None:
+        procedure = "drift"
+    chosen = [c for c in ((gimbal,) if procedure == "drift" else (gyro, second, table)) if c is not None]
     name = own_plan(inspection.path).name
     plan = _Plan()
     plan.add(
         f"# Test plan for {escaped(inspection.path.name)} ({inspection.format}), by 'gyrostand plan init'.",
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
+        *(_GYRO_ALONE if procedure != "drift" and second is None else ()),
         f'procedure = "{procedure}"',
         'title = ""',
         "",
@@ -113,7 +127,7 @@ def initial_plan(inspection: Inspection) -> str:
         "",
     )
     _add_time(plan, chosen, inspection.topics)
-    if not any(c.stream in ("gyro", "gimbal") for c in chosen):
+    if procedure != "drift" and gyro is None:
         _add_stream(plan, "gyro", None, inspection.topics)
     for candidate in chosen:
         _add_stream(plan, candidate.stream, candidate, inspection.topics)
@@ -200,6 +214,12 @@ def _add_stream(plan: _Plan, name: StreamName, candidate: Candidate | None, topi
     if name == "gimbal":
         plan.add(*_GIMBAL, "")
         return
+    if name == "turntable":
+        plan.add(
+            "# wraps_at = 360    # in the channel of an angle: the raw value at which it begins again at 0",
+            "",
+        )
+        return
     plan.add(
         "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
     )
@@ -228,7 +248,7 @@ def _add_blank_gyro(plan: _Plan, topics: Sequence[Topic]) -> None:
     plan.add("# Nothing in the recording looks like a gyro; what it holds is listed at the end.")
     if any(t.name for t in topics):
         plan.add('topic = ""    # FILL IN')
-    plan.add('quantity = "angular_rate"    # or angle_increment')
+    plan.add('quantity = "angular_rate"    # or angle_increment', _PART)
     for channel in CHANNELS["gyro"]["angular_rate"]:
         plan.add(f'channels.{channel} = {{ field = "", unit = "" }}    # FILL IN')
 

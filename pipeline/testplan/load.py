@@ -30,11 +30,11 @@ from pipeline import contracts
 from pipeline.formats.base import RecordingError
 from pipeline.limits import Limit
 from pipeline.plan_faults import Fault, refuse
-from pipeline.procedures import NEEDS, PROCEDURES
+from pipeline.procedures import NEEDS, PROCEDURES, WHOLE
 from pipeline.stages import ingest
 from pipeline.stages._runs import further_recordings, is_bare, mounting_faults, neighbour
 from pipeline.stages.base import Settings, Stand
-from pipeline.stages.channel_map import Stream, StreamName
+from pipeline.stages.channel_map import Stream, StreamName, missing_channels
 from pipeline.storage.naming import COMPRESSIONS
 from pipeline.testplan.errors import PlanError, faults_of, plan_error, shown, shown_path, unknown
 from pipeline.testplan.locate import key_lines
@@ -182,6 +182,10 @@ def _missing(plan: Any) -> Iterator[Fault]:
         if given is None:
             remedy = f"add [streams.{name}]" if section == "streams" else f"add {name} = … to [{section}]"
             yield Fault((section,), f"{need}, for the procedure {plan.procedure!r}", "none", remedy)
+    streams: Mapping[StreamName, Stream] = plan.streams
+    for name, stream in streams.items():
+        for fault in missing_channels(name, stream) if name in WHOLE.get(plan.procedure, ()) else ():
+            yield fault._replace(key=("streams", name, *fault.key))
     if "gimbal" in plan.streams or "streams.gimbal" in needs:
         yield from mounting_faults(plan.runs, plan.stand)
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from drift_tables import make_drift_tables, simulated
 from report_tables import HOSTILE, make_tables, publish
+from static_tables import make_static_tables
 
 from pipeline.report import page
 
@@ -50,6 +51,13 @@ function shadows(node) {
 }
 const values = shadows(document).flatMap(s => [...s.querySelectorAll(".bk-tooltip-row-value")]);
 return values.map(e => e.textContent).join("|");
+"""
+
+
+# How many curves are hidden.
+HIDDEN = """
+const models = [...Bokeh.documents[0]._all_models.values()];
+return models.filter(model => model.type === "GlyphRenderer" && !model.visible).length;
 """
 
 
@@ -137,6 +145,24 @@ def test_the_pictures_of_a_drift_run_are_drawn(browser: Any, tmp_path: Path) -> 
     drawn = [sum(colours > 5 for colours in picture) for picture in pictures]
     assert len(drawn) == 8
     assert all(np.array(drawn) >= [4, 2, 4, 6, 7, 6, 1, 1])
+    assert browser.execute_script("return typeof window.hacked") == "undefined"
+    assert browser.find_elements(By.CSS_SELECTOR, "img, mjx-container") == []
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_the_pictures_of_a_static_run_are_drawn(browser: Any, tmp_path: Path) -> None:
+    file = tmp_path / "static.html"
+    file.write_text(page.render("run-7", make_static_tables("pqr", HOSTILE)), encoding="utf-8")
+    browser.get(file.as_uri())
+    WebDriverWait(browser, PATIENCE, poll_frequency=0.1).until(lambda b: b.execute_script(DRAWN))
+    pictures = browser.execute_script(COLOURS)
+    # deviations, spectra, growth by rate and by time: a legend and three channels each
+    assert [sum(colours > 5 for colours in picture) >= 4 for picture in pictures] == [True] * 4
+    first = browser.find_element(By.ID, "picture-0")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", first)
+    left, top = (-first.size[side] // 2 for side in ("width", "height"))
+    webdriver.ActionChains(browser).move_to_element_with_offset(first, left + 110, top + 18).click().perform()
+    assert browser.execute_script(HIDDEN) == 7  # curve and band of each channel, and the legend's sample
     assert browser.execute_script("return typeof window.hacked") == "undefined"
     assert browser.find_elements(By.CSS_SELECTOR, "img, mjx-container") == []
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import tomllib
 from pathlib import Path
 
@@ -228,6 +229,62 @@ def test_a_gyro_comes_before_a_gimbal() -> None:
     text = initial_plan(Inspection(Path("a.csv"), "text", (table("", "t p q r outer inner"),)))
     assert tomllib.loads(text)["procedure"] == "coning"
     assert "# Also looks like a gimbal:" in text
+
+
+@pytest.mark.parametrize(
+    ("topic", "fields", "found"),
+    [
+        ("", "table_angle", [("table_angle", "table_angle")]),
+        ("", "Turntable.rate time", [("table_rate", "Turntable.rate")]),
+        ("", "rate_table_position rate_table_speed",
+         [("table_angle", "rate_table_position"), ("table_rate", "rate_table_speed")]),
+        ("/turntable", "vector.x vector.y vector.z", [("table_angle", "vector.z")]),
+        ("/rate_table/encoder", "position velocity stamp",
+         [("table_angle", "position"), ("table_rate", "velocity")]),
+        ("", "table_angle_command table_temperature table tablet_angle stable_rate", []),
+    ],
+)  # fmt: skip
+def test_fields_that_look_like_a_table(topic: str, fields: str, found: list[tuple[str, str]]) -> None:
+    candidates = find_candidates([table(topic, fields)])
+    assert [(c.quantity, c.fields[0].path) for c in candidates if c.stream == "turntable"] == found
+
+
+def test_a_stated_unit_says_whether_a_table_s_field_is_an_angle_or_a_rate() -> None:
+    fields = tuple(Field(f"table {k}", "float64", unit) for k, unit in enumerate(("deg", "rpm", "V")))
+    found = find_candidates([Topic("", "row", "", 2, fields, {})])
+    assert [(c.quantity, c.fields[0].path) for c in found] == [
+        ("table_angle", "table 0"),
+        ("table_rate", "table 1"),
+    ]
+
+
+def test_a_gyro_on_a_table_begins_a_plan_of_static(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text("t (s),gyro x (dps),gyro y (dps),gyro z (dps),table angle (deg)\n0,1,2,3,4\n1,1,2,3,4\n")
+    text = initial_plan(formats.inspect(path))
+    assert loads(tmp_path, text) == ""
+    plan = tomllib.loads(text)
+    assert plan["procedure"] == "static"
+    assert plan["streams"]["turntable"] == {
+        "quantity": "table_angle",
+        "channels": {"angle": {"field": "table angle (deg)", "unit": "deg"}},
+    }
+    for limit in re.findall(r"^# (.*)", text[text.index("# [[limits]]") :].split("\n\n")[0], re.MULTILINE):
+        text = text.replace(f"# {limit}", limit)
+    assert loads(tmp_path, text) == ""  # the limit that is offered is one of the procedure
+
+
+def test_a_gyro_alone_is_told_of_both_procedures(tmp_path: Path) -> None:
+    alone = initial_plan(Inspection(Path("a.csv"), "text", (table("", "gyro_x gyro_y gyro_z"),)))
+    assert tomllib.loads(alone)["procedure"] == "coning"
+    said = alone[: alone.index("procedure =")]
+    assert '"coning"' in said
+    assert '"static"' in said
+    nothing = initial_plan(Inspection(Path("a.csv"), "text", (table("", "u v"),)))
+    assert '"static"' in nothing
+    assert "static does with any of p, q and r" in nothing
+    with_reference = table("", "gyro_x gyro_y gyro_z psi theta gamma")
+    assert "static" not in initial_plan(Inspection(Path("a.csv"), "text", (with_reference,)))
 
 
 def test_a_message_with_rates_is_no_reference_of_itself() -> None:

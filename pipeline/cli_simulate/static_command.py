@@ -1,0 +1,293 @@
+"""``gyrostand simulate static``: its options, parsed with their units.
+
+An option about the errors of an axis holds for all axes, or, begun by ``p:``, ``q:`` or ``r:``, for one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli_simulate.options import (
+    BackwardStamp,
+    Gap,
+    LogDelay,
+    LogJitter,
+    NanBurst,
+    OptionError,
+    RecordingPath,
+    RepeatedSample,
+    Seed,
+    StampNoise,
+    numbers,
+    quantity,
+    span,
+)
+
+if TYPE_CHECKING:
+    from pipeline.models.random_error import Term
+    from pipeline.simulate.static_settings import Axis, AxisErrors, Disturbance
+
+
+class Output(StrEnum):
+    """What the gyro gives."""
+
+    ANGULAR_RATE = "angular_rate"
+    ANGLE_INCREMENT = "angle_increment"
+
+
+class Table(StrEnum):
+    """What is recorded of the platform."""
+
+    TABLE_ANGLE = "table_angle"
+    TABLE_RATE = "table_rate"
+
+
+_DEGREE = math.pi / 180
+_ANGLE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
+    {
+        "deg/sqrt(h)": _DEGREE / 60,
+        "rad/sqrt(s)": 1.0,
+        "deg/sqrt(s)": _DEGREE,
+        "deg/s/sqrt(Hz)": _DEGREE,
+        "rad/s/sqrt(Hz)": 1.0,
+    }
+)
+_RATE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
+    {"deg/h/sqrt(h)": _DEGREE / 3600 / 60, "deg/s/sqrt(s)": _DEGREE, "rad/s/sqrt(s)": 1.0}
+)
+_RAMP: Mapping[str, float] = MappingProxyType(
+    {"deg/h/h": _DEGREE / 3600**2, "deg/s/s": _DEGREE, "rad/s/s": 1.0}
+)
+_ONE_AXIS = re.compile(r"\s*(\w+)\s*:(.*)")
+
+
+def static(
+    path: RecordingPath,
+    axes: Annotated[str, typer.Option(help="Those that the gyro has, of p q r.")] = "p q r",
+    hours: Annotated[float, typer.Option(help="Length of the record, h.")] = 4.0,
+    rate: Annotated[float, typer.Option(help="Samples a second, Hz.")] = 1.0,
+    output: Annotated[Output, typer.Option(help="What the gyro gives.")] = Output.ANGLE_INCREMENT,
+    white: Annotated[
+        list[str] | None,
+        typer.Option(help="Angle random walk N, such as '0.01 deg/sqrt(h)' or 'q: 0.02 deg/sqrt(h)'."),
+    ] = None,
+    noise1: Annotated[
+        list[str] | None,
+        typer.Option(help="sigma, mu, such as '2 deg/h, 0.01 rad/s'; repeatable, also for one axis."),
+    ] = None,
+    noise2: Annotated[
+        list[str] | None,
+        typer.Option(help="sigma, mu and lambda, such as '2 deg/h, 0.01 0.05 rad/s'; repeatable."),
+    ] = None,
+    noise3: Annotated[list[str] | None, typer.Option(help="The same.")] = None,
+    rate_random_walk: Annotated[
+        list[str] | None, typer.Option(help="K, such as '1 deg/h/sqrt(h)'; also for one axis.")
+    ] = None,
+    quantisation: Annotated[
+        list[str] | None,
+        typer.Option(help="Q, white noise of the angle, such as '0.1 arcsec'; also for one axis."),
+    ] = None,
+    bias: Annotated[
+        list[str] | None, typer.Option(help="Such as '3 deg/h' or 'r: -1 deg/h'; also for one axis.")
+    ] = None,
+    ramp: Annotated[
+        list[str] | None, typer.Option(help="R of the bias, such as '0.1 deg/h/h'; also for one axis.")
+    ] = None,
+    quantum: Annotated[
+        str | None,
+        typer.Option(help="Least step of the output, with its unit (of an angle for increments)."),
+    ] = None,
+    latitude: Annotated[
+        str | None, typer.Option(help="Of the stand, with unit: the gyro measures the Earth's rotation.")
+    ] = None,
+    tilt: Annotated[str, typer.Option(help="Of axis r from the vertical to the north.")] = "0 deg",
+    turning: Annotated[
+        str | None, typer.Option(help="Rate at which the platform turns about axis r, with unit.")
+    ] = None,
+    table: Annotated[Table, typer.Option(help="What is recorded of the platform.")] = Table.TABLE_ANGLE,
+    wrapped: Annotated[bool, typer.Option("--wrapped", help="Its angle begins again after a turn.")] = False,
+    motion: Annotated[
+        list[str] | None,
+        typer.Option(help="A disturbance that stays, 'START:LENGTH:ANGLE UNIT', times in s; repeatable."),
+    ] = None,
+    tap: Annotated[
+        list[str] | None, typer.Option(help="One that returns, written as a motion; repeatable.")
+    ] = None,
+    stamp_noise: StampNoise = 0.0,
+    gap: Gap = None,
+    nan_burst: NanBurst = None,
+    backward_stamp: BackwardStamp = None,
+    repeated_sample: RepeatedSample = None,
+    log_delay: LogDelay = 0.0,
+    log_jitter: LogJitter = 0.0,
+    seed: Seed = 0,
+) -> None:
+    """Simulate a gyro at rest or on a turning platform; write recording, test plan (.toml) and truth.
+
+    An error's option holds for all axes, or for one: 'q: 0.02 deg/sqrt(h)'. The last that fits stands; of
+    noise 1, 2 and 3 all are summed.
+    """
+    from pipeline.simulate.imperfections import TimingErrors
+    from pipeline.simulate.static import simulate_static
+    from pipeline.simulate.static_settings import StaticSettings, Turning
+
+    step = "angular rate" if output is Output.ANGULAR_RATE else "angle"
+    known = _axes(axes)
+    coloured = (("--noise1", noise1), ("--noise2", noise2), ("--noise3", noise3))
+    sizes = {
+        "--white": white, "--rate-random-walk": rate_random_walk, "--quantisation": quantisation,
+        "--bias": bias, "--ramp": ramp,
+    }  # fmt: skip
+    settings = StaticSettings(
+        errors={axis: _errors(axis, known, sizes, coloured) for axis in known},
+        rate=rate,
+        duration=3600.0 * hours,
+        output=output.value,
+        quantum=0.0 if quantum is None else quantity("--quantum", quantum, step),
+        latitude=None if latitude is None else quantity("--latitude", latitude, "angle"),
+        tilt=quantity("--tilt", tilt, "angle"),
+        turning=None
+        if turning is None
+        else Turning(
+            rate=quantity("--turning", turning, "angular rate"), quantity=table.value, wrapped=wrapped
+        ),
+        disturbances=[
+            *(_disturbance("--motion", text, returns=False) for text in motion or ()),
+            *(_disturbance("--tap", text, returns=True) for text in tap or ()),
+        ],
+        timing=TimingErrors(
+            stamp_noise=stamp_noise,
+            gaps=[span("--gap", text) for text in gap or ()],
+            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
+            backward_stamps=backward_stamp or (),
+            repeated_samples=repeated_sample or (),
+            log_delay=log_delay,
+            log_jitter=log_jitter,
+        ),
+    )
+    for written in simulate_static(settings, seed).write(path):
+        typer.echo(written)
+
+
+def _axes(text: str) -> tuple[Axis, ...]:
+    from pipeline.simulate.static_settings import AXES
+
+    words = text.replace(",", " ").split()
+    if not words or set(words) - set(AXES):
+        raise OptionError(
+            "--axes", expected=f"some of {', '.join(AXES)}", found=repr(text), remedy="for example 'p q'"
+        )
+    return tuple(axis for axis in AXES if axis in words)
+
+
+def _errors(
+    axis: Axis,
+    known: Sequence[Axis],
+    sizes: Mapping[str, Sequence[str] | None],
+    coloured: Sequence[tuple[str, Sequence[str] | None]],
+) -> AxisErrors:
+    """The errors of one axis, of the options that hold for it."""
+    from pipeline.models.random_error import RateRandomWalk, White
+    from pipeline.simulate.static_settings import AxisErrors
+
+    last = dict.fromkeys(sizes, "") | {
+        option: text for option, texts in sizes.items() for text in _of(axis, known, option, texts)
+    }
+    N = _coefficient("--white", last["--white"], _ANGLE_RANDOM_WALK)
+    K = _coefficient("--rate-random-walk", last["--rate-random-walk"], _RATE_RANDOM_WALK)
+    terms: list[Term] = [White(N**2)] if N else []
+    for option, texts in coloured:
+        terms += [_noise(option, text) for text in _of(axis, known, option, texts)]
+    if K:
+        terms.append(RateRandomWalk(K))
+    return AxisErrors(
+        terms=tuple(terms),
+        quantisation=quantity("--quantisation", last["--quantisation"] or "0 rad", "angle"),
+        bias=quantity("--bias", last["--bias"] or "0 rad/s", "angular rate"),
+        ramp=_coefficient("--ramp", last["--ramp"], _RAMP, signed=True),
+    )
+
+
+def _of(axis: Axis, known: Sequence[Axis], option: str, texts: Sequence[str] | None) -> Iterator[str]:
+    """What an option says of an axis."""
+    for text in texts or ():
+        match = _ONE_AXIS.fullmatch(text)
+        if match is None:
+            yield text
+        elif match[1] not in known:
+            raise OptionError(
+                option,
+                expected=f"one of the axes {', '.join(known)} before the colon",
+                found=repr(match[1]),
+                remedy="correct it, or add it to --axes",
+            )
+        elif match[1] == axis:
+            yield match[2]
+
+
+def _coefficient(option: str, text: str, factors: Mapping[str, float], *, signed: bool = False) -> float:
+    """A number with one of these units, in SI; 0 where nothing is said."""
+    if not text:
+        return 0.0
+    number, _, unit = text.strip().partition(" ")
+    unit = unit.replace(" ", "").replace("°", "deg").replace("√h", "sqrt(h)").replace("√s", "sqrt(s)")
+    try:
+        value = float(number) * factors[unit]
+        if value < 0 and not signed:
+            raise ValueError
+        return value
+    except (ValueError, KeyError):
+        raise OptionError(
+            option,
+            expected=f"a number{'' if signed else ' of at least 0'} and a unit of {', '.join(factors)}",
+            found=repr(text),
+            remedy=f"for example '0.1 {next(iter(factors))}'",
+        ) from None
+
+
+def _noise(option: str, text: str) -> Term:
+    """``SIGMA UNIT, MU [LAMBDA] UNIT`` as a term."""
+    from pipeline.models.random_error import Noise1, Noise2, Noise3
+
+    sigma, comma, rest = text.partition(",")
+    if not comma:
+        example = "2 deg/h, 0.01 rad/s" if option == "--noise1" else "2 deg/h, 0.01 0.05 rad/s"
+        raise OptionError(
+            option,
+            expected=f"sigma with its unit, a comma, then mu{'' if option == '--noise1' else ' and lambda'} "
+            "with a unit of angular rate",
+            found=repr(text),
+            remedy=f"for example '{example}'",
+        )
+    size = quantity(option, sigma, "angular rate")
+    if option == "--noise1":
+        return Noise1(size, quantity(option, rest, "angular rate"))
+    mu, lambda_ = numbers(option, rest, "angular rate", 2)
+    return (Noise2 if option == "--noise2" else Noise3)(size, mu, lambda_)
+
+
+def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:
+    """``START:LENGTH:ANGLE UNIT`` in s and rad."""
+    from pipeline.simulate.static_settings import Disturbance
+
+    start, _, rest = text.partition(":")
+    length, _, angle = rest.partition(":")
+    try:
+        times = float(start), float(length)
+    except ValueError:
+        raise OptionError(
+            option,
+            expected="START:LENGTH:ANGLE UNIT, times in s",
+            found=repr(text),
+            remedy="for example '3600:2:10 arcsec'",
+        ) from None
+    return Disturbance(
+        start=times[0], length=times[1], angle=quantity(option, angle, "angle"), returns=returns
+    )

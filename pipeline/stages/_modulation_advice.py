@@ -1,0 +1,83 @@
+"""At what rate a platform should turn, why, and what it gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.models.random_error import RandomError
+from pipeline.models.random_error_fit import Candidate
+from pipeline.models.random_error_growth import Band, growth, recommended_rate, worse_bands
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """A rotation rate and what it is worth.
+
+    Attributes
+    ----------
+    rate : float or None
+        [rad/s]; 0 where no rotation is needed, None where the platform cannot turn fast enough.
+    rate_error : float or None
+        Its standard error; None where it has none or the record does not tell it.
+    suppression, suppression_error : float or None
+        Growth at the rate over that at rest.
+    reason : str
+        In one sentence.
+    """
+
+    rate: float | None
+    rate_error: float | None
+    suppression: float | None
+    suppression_error: float | None
+    reason: str
+
+
+def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
+    """Advise on a rate up to the highest [rad/s] that leaves colour a fraction of white noise's growth."""
+    model = chosen.model
+    rate = recommended_rate(model, fraction)
+    at_rest = _colour(model, 0.0) / model.N
+    if rate == 0.0:
+        reason = "white noise alone, which rotation does not change" if at_rest == 0.0 else (
+            f"no rotation needed: coloured noise adds {at_rest:.2g} of white noise's growth at rest, no more "
+            f"than the fraction {fraction:g}"
+        )  # fmt: skip
+        return Advice(0.0, None, 1.0, None, reason)
+    bands = worse_bands(model)
+    if rate > highest:
+        reason = (
+            f"none: coloured noise falls to the fraction {fraction:g} of white noise's growth only at "
+            f"{np.degrees(rate):.3g} deg/s; at the highest rate, {np.degrees(highest):.3g} deg/s, it has "
+            f"{_colour(model, highest) / model.N:.2g}"
+        )
+        return Advice(None, None, None, None, reason)
+    suppression = _suppression(model, rate)
+    error = chosen.standard_error(lambda one: np.array(_suppression(one, rate)))
+    of_rate = chosen.standard_error(lambda one: np.array(recommended_rate(one, fraction)))
+    reason = (
+        f"{np.degrees(rate):.3g} deg/s: the lowest rate{_outside(bands)} at which coloured noise adds no "
+        f"more than {fraction:g} of white noise's growth ({at_rest:.3g} at rest); the whole grows "
+        f"{suppression:.2g} times as fast as at rest"
+    )
+    return Advice(rate, _known(float(of_rate)), suppression, _known(float(error)), reason)
+
+
+def _colour(model: RandomError, rate: float) -> float:
+    return float(growth(model, rate)) - model.N
+
+
+def _suppression(model: RandomError, rate: float) -> float:
+    return float(growth(model, rate) / growth(model, 0.0))
+
+
+def _outside(bands: tuple[Band, ...]) -> str:
+    if not bands:
+        return ""
+    said = " and ".join(f"{np.degrees(b.low):.3g} to {np.degrees(b.high):.3g} deg/s" for b in bands)
+    return f" outside {said}, where rotation makes worse,"
+
+
+def _known(error: float) -> float | None:
+    return error if np.isfinite(error) and error > 0 else None
