@@ -1,5 +1,8 @@
 """Crop the documentation's pictures from a page: ``python docs/pictures/make_pictures.py PAGE FOLDER``.
 
+A page has the name of its recording; the pictures of each are in `PICTURES`. ``equatorial_one`` is the sample
+``equatorial`` with a test plan without the second of its ``[[runs]]`` (docs/drift.md).
+
 Wants selenium and Debian's chromium and chromium-driver, as the test of the page does.
 """
 
@@ -15,11 +18,22 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 PICTURES = {
-    "verdict": "//header",
-    "trend": "//section[h2='Trend of γ']",
-    "two_ends": "//section[h2='γ at the two ends of the record']",
+    "godorov": {
+        "verdict": "//header",
+        "trend": "//section[h2='Trend of γ']",
+        "two_ends": "//section[h2='γ at the two ends of the record']",
+    },
+    "polar": {
+        "drift_parameters": "//section[h2='Drift parameters']",
+        "drift_residuals": "//section[h2='Residuals']",
+    },
+    "vertical": {
+        "drift_sky": "//section[h2='The sky plane']",
+        "drift_in_time": "//section[h2='Estimates in time']",
+    },
+    "equatorial_one": {"drift_told": "//section[h2='What the record can tell']"},
 }
-"""Where on the page each picture is."""
+"""By recording and name of the picture, where on the page it is."""
 
 _DRAWN = "return typeof Bokeh !== 'undefined' && Bokeh.documents.length === 1 && Bokeh.documents[0].is_idle"
 
@@ -32,13 +46,13 @@ for (const model of Bokeh.documents[0]._all_models.values())
 
 
 def crop(page: Path, folder: Path) -> list[Path]:
-    """Open a page in a browser and write those of `PICTURES` that it has as PNG files."""
+    """Open a page in a browser and write its `PICTURES` as PNG files."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     with tempfile.TemporaryDirectory() as profile:
         for argument in ("headless=new", "no-sandbox", "disable-gpu", "no-first-run", "hide-scrollbars"):
             options.add_argument(f"--{argument}")
-        options.add_argument("--window-size=1240,6000")
+        options.add_argument("--window-size=1240,9000")
         options.add_argument("--force-device-scale-factor=1.5")
         options.add_argument(f"--user-data-dir={profile}")
         service = webdriver.ChromeService(
@@ -50,10 +64,9 @@ def crop(page: Path, folder: Path) -> list[Path]:
             browser.execute_script(_HIDE_TOOLBARS)
             WebDriverWait(browser, 30).until(lambda b: b.execute_script(_DRAWN))
             written = []
-            for name, place in PICTURES.items():
-                for element in browser.find_elements(By.XPATH, place)[:1]:
-                    written.append(folder / f"{name}.png")
-                    element.screenshot(str(written[-1]))
+            for name, place in PICTURES[page.stem].items():
+                written.append(folder / f"{name}.png")
+                browser.find_element(By.XPATH, place).screenshot(str(written[-1]))
             return written
 
 

@@ -3,11 +3,11 @@
 Yang et al., *Chinese Journal of Sensors and Actuators* 27(5) (2014) 637-642; their noise 3 was lost in the
 source, and the one here is the only candidate consistent with their conclusions. With c and p of each::
 
-    noise 1   R(tau) = sigma^2 exp(-mu |tau|)                                                   c = sigma^2
-    noise 2   R(tau) = sigma^2 exp(-mu |tau|) cos(lambda tau)                                   c = sigma^2
-    noise 3   R(tau) = sigma^2 exp(-mu |tau|) (cos(lambda tau) + (mu/lambda) sin(lambda |tau|)) c = sigma^2 (1 - i mu/lambda)
+    noise 1   R(tau) = sigma^2 exp(-mu |tau|)
+    noise 2   R(tau) = sigma^2 exp(-mu |tau|) cos(lambda tau)
+    noise 3   R(tau) = sigma^2 exp(-mu |tau|) (cos(lambda tau) + (mu/lambda) sin(lambda |tau|))
 
-    R(tau) = Re[c exp(-p |tau|)],   p = mu - i lambda
+    R(tau) = Re[c exp(-p |tau|)],  p = mu - i lambda,  c = sigma^2, of noise 3 sigma^2 (1 - i mu/lambda)
 
 White noise has ``R = N delta(tau)``, the rate random walk b' = K w no autocorrelation. S(omega) is two-sided:
 the integral of R(tau) exp(-i omega tau) over all tau.
@@ -74,11 +74,11 @@ class White(_Term):
 
     def psd(self, omega: Float) -> Float:
         """S(omega) = N, same shape as omega."""
-        return np.full(np.shape(omega), self.N)
+        return np.full(np.shape(omega), self.N, dtype=np.float64)
 
     def generate(self, n: int, step: float, generator: np.random.Generator) -> Float:
         """Means over steps [s] of the noise, of variance ``N / step``; shape (n,)."""
-        return generator.standard_normal(n) * np.sqrt(self.N / step)
+        return generator.normal(0.0, np.sqrt(self.N / step), n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,8 @@ class RateRandomWalk(_Term):
     def psd(self, omega: Float) -> Float:
         """``S(omega) = K^2 / omega^2``, of the walk between its ends; infinite at 0."""
         with np.errstate(divide="ignore"):
-            return self.K**2 / np.asarray(omega, dtype=np.float64) ** 2
+            S: Float = self.K**2 / np.asarray(omega, dtype=np.float64) ** 2
+        return S
 
     def generate(self, n: int, step: float, generator: np.random.Generator) -> Float:
         """Samples every step [s]; shape (n,)."""
@@ -140,8 +141,8 @@ class Coloured(_Term):
     def generate(self, n: int, step: float, generator: np.random.Generator) -> Float:
         """Samples every step [s] of the stationary noise, exact for any step.
 
-        ``x_(j+1) = Phi x_j + w_j`` with ``Phi = exp(A step)`` and w of covariance ``Q = P - Phi P Phi^T``, from a
-        state of the stationary covariance P.
+        ``x_(j+1) = Phi x_j + w_j`` with ``Phi = exp(A step)`` and w of covariance ``Q = P - Phi P Phi^T``,
+        from a state of the stationary covariance P.
 
         Returns
         -------
@@ -151,7 +152,8 @@ class Coloured(_Term):
         start = np.linalg.cholesky(P) @ generator.standard_normal(len(P))
         white = generator.standard_normal((n - 1, len(P)))
         samples = np.empty(n)
-        kernels.first_state(Phi, np.linalg.cholesky(Q), start, white, samples)
+        L = np.asarray(np.linalg.cholesky(Q), dtype=np.float64)
+        kernels.first_state(Phi, L, np.asarray(start, dtype=np.float64), white, samples)
         return samples
 
     def transition(self, step: float) -> tuple[Float, Float, Float]:
@@ -229,13 +231,14 @@ class Noise3(_Periodic):
         return 4 * self.sigma**2 * self.mu * (self.mu**2 + self.lambda_**2) / self._denominator(omega)
 
     def transition(self, step: float) -> tuple[Float, Float, Float]:
-        """Phi, P and Q of ``x'' + 2 mu x' + (mu^2 + lambda^2) x = w``, ``P = diag(sigma^2, sigma^2 (mu^2 + lambda^2))``."""
+        """Phi, P and Q of ``x'' + 2 mu x' + k x = w``, ``P = sigma^2 diag(1, k)``, k = mu^2 + lambda^2."""
         stiffness = self.mu**2 + self.lambda_**2
         P = self.sigma**2 * np.diag([1.0, stiffness])
         Phi = self._propagator(np.array([step]))[0]
         if abs(self.decay) * step > 1:
             return Phi, P, P - Phi @ P @ Phi.T
-        # Of a short step P - Phi P Phi^T keeps no digits, being of its third power: the integral that it equals
+        # Of a short step P - Phi P Phi^T keeps no digits, being of its third power: the integral that it
+        # equals
         node, weight = _QUADRATURE
         response = self._propagator(0.5 * step * (node + 1))[:, :, 1]
         density = 4 * self.sigma**2 * self.mu * stiffness

@@ -1,16 +1,17 @@
-"""What rotation of its platform makes of a sensor's random error: the variance of the integral, and its growth.
+"""What rotation of the platform makes of a sensor's random error: variance of the integral, and its growth.
 
-Yang et al., *Chinese Journal of Sensors and Actuators* 27(5) (2014) 637-642. The error of one horizontal sensor is
-integrated along the axes of the room while the platform turns at omega; the sum of both components has::
+Yang et al., *Chinese Journal of Sensors and Actuators* 27(5) (2014) 637-642. The error of one horizontal
+sensor is integrated along the axes of the room while the platform turns at omega; the sum of both components
+has::
 
     Var(t, omega) = 2 int_0^t (t - tau) R(tau) cos(omega tau) dtau = Re[c (F(p + i omega) + F(p - i omega))]
     F(p) = t/p - (1 - exp(-p t)) / p^2
 
-with c and p of `pipeline.models.random_error`. After long time Var grows by S(omega) a second, the two-sided spectral
-density at the rotation rate. A second, independent sensor adds its own.
+with c and p of `pipeline.models.random_error`. After long time Var grows by S(omega) a second, the two-sided
+spectral density at the rotation rate. A second, independent sensor adds its own.
 
-The rate random walk has no R: ``Var = (2 K^2/omega^2) (t - sin(omega t)/omega)``, that is ``K^2 t^3 / 3`` at rest. It grows
-by ``2 S(omega)``, since besides the noise at omega the walk itself, over omega, grows.
+The rate random walk has no R: ``Var = (2 K^2/omega^2) (t - sin(omega t)/omega)``, that is ``K^2 t^3 / 3`` at
+rest. It grows by ``2 S(omega)``, since besides the noise at omega the walk itself, over omega, grows.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ SCHULER = 2 * np.pi / 5064
 _SMALL_PRODUCT = 1e-3
 """|p t| below which F is the series: the closed form has lost three digits there, the series none."""
 _SMALL_TURN = 1e-5
-"""Turn omega t [rad] below which both halves of J2 agree to rounding: J2 is J0 to (omega t)^2."""
+"""Turn omega t [rad] below which J2 is J0, to its square; the closed form has lost five digits there."""
 _HARMONICS = 4000
 """Harmonics of a reversing carousel: what lies above is below 1e-10 of the sum, |c_k|^2 falling as k^-4."""
 
@@ -59,12 +60,12 @@ def kernel(p: Complex, t: Float) -> Complex:
     complex ndarray
         [s^2].
     """
-    z, t = np.broadcast_arrays(np.asarray(p) * t, np.asarray(t, dtype=np.float64))
+    z: Complex = np.asarray(p, dtype=np.complex128) * t
     series = 0.5 - z / 6 + z**2 / 24 - z**3 / 120
     small = np.abs(z) < _SMALL_PRODUCT
     safe = np.where(small, 1.0, z)
-    F: Complex = t**2 * np.where(small, series, (safe + np.expm1(-safe)) / safe**2)
-    return F
+    F = t**2 * np.where(small, series, (safe + np.expm1(-safe)) / safe**2)
+    return np.asarray(F, dtype=np.complex128)
 
 
 def variance(model: RandomError, t: Float, omega: Float | float = 0.0) -> Float:
@@ -115,8 +116,8 @@ def variance_by_axis(model: RandomError, t: Float, omega: float) -> tuple[Float,
         J2 = (1/omega) int_0^t R(tau) [sin omega(2t - tau) - sin omega tau] dtau
            = (2/omega) cos(omega t) Im[exp(i omega t) I*],   I = int_0^t R(tau) exp(i omega tau) dtau
 
-    and of the rate random walk ``J2 = -(K/omega)^2 (t cos 2x + (2 sin x - 1.5 sin 2x)/omega)`` with x = omega t. Across is
-    known to rounding of the sum.
+    and of the rate random walk ``J2 = -(K/omega)^2 (t cos 2x + (2 sin x - 1.5 sin 2x)/omega)`` with
+    x = omega t. Across is known to rounding of the sum, over omega t where that is small.
     """
     t = np.asarray(t, dtype=np.float64)
     J0 = variance(model, t, omega)
@@ -130,8 +131,9 @@ def variance_by_axis(model: RandomError, t: Float, omega: float) -> tuple[Float,
         for a, q in ((c, p - 1j * omega), (c.conjugate(), p.conjugate() - 1j * omega)):
             integral = integral - 0.5 * a * np.expm1(-q * t) / q
     J2 = 2 / omega * np.cos(x) * (np.exp(1j * x) * integral.conj()).imag
-    walk = x * np.cos(2 * x) + 2 * np.sin(x) - 1.5 * np.sin(2 * x)
-    J2 = np.where(turned, J2 - model.K**2 / omega**3 * walk, J0)
+    # The bracket of the walk without the difference of its large terms: sin y = y - y^3 ((y - sin y)/y^3)
+    walk = 12 * _sine_remainder(2 * x) - 2 * _sine_remainder(x) - 2 * np.sinc(x / np.pi) ** 2
+    J2 = np.where(turned, J2 - model.K**2 * t**3 * walk, J0)
     return 0.5 * (J0 + J2), 0.5 * (J0 - J2)
 
 
@@ -157,7 +159,7 @@ def growth(model: RandomError, omega: Float | float) -> Float:
 
 
 def schuler_growth(model: RandomError, omega: Float | float, schuler: float = SCHULER) -> Float:
-    """Growth of the variance a second, averaged over periods of Schuler's oscillation, beyond the first of them.
+    """Growth of the variance a second over many periods of Schuler's oscillation.
 
     Parameters
     ----------
@@ -170,13 +172,14 @@ def schuler_growth(model: RandomError, omega: Float | float, schuler: float = SC
     Returns
     -------
     ndarray
-        ``(S(omega - omega_s) + S(omega + omega_s)) / 4``, which at rest is ``S(omega_s) / 2``; the sum of both
-        components, same shape as omega. The rate random walk adds ``K^2 / (4 (omega - omega_s)^2 ...)``, see Notes.
+        ``(S(omega - omega_s) + S(omega + omega_s)) / 4``, which at rest is ``S(omega_s) / 2``; the sum of
+        both components, same shape as omega. The rate random walk grows by more while the platform turns, see
+        Notes.
 
     Notes
     -----
-    The walk's response to a step at u is ``int_u^t exp(i omega s) cos(omega_s (t - s)) ds``; of its square the mean is,
-    with A and B = 1/(omega -+ omega_s), ``(A^2 + B^2 + (A + B)^2) / 4``.
+    The walk's response to a step at u is ``int_u^t exp(i omega s) cos(omega_s (t - s)) ds``; of its square
+    the mean is, with A and B = 1/(omega -+ omega_s), ``(A^2 + B^2 + (A + B)^2) / 4``.
     """
     w = np.asarray(omega, dtype=np.float64)
     total: Float = np.zeros(w.shape)
@@ -226,11 +229,12 @@ def reversing_growth(model: RandomError, omega: float, turns: float = 1.0) -> fl
     Returns
     -------
     float
-        ``sum_k |c_k|^2 S(k Omega)``. White noise keeps N whatever the schedule; a rate random walk is infinite unless
-        the turns are whole or half ones, so that c_0 = 0.
+        ``sum_k |c_k|^2 S(k Omega)``, of the rate random walk twice that, averaged over a period. White noise
+        keeps N whatever the schedule; a rate random walk is infinite unless the turns are whole, so
+        that c_0 = 0.
     """
-    power = np.abs(reversing_coefficients(turns)) ** 2
-    k = np.arange(-_HARMONICS, _HARMONICS + 1)
+    power: Float = np.abs(reversing_coefficients(turns)) ** 2
+    k = np.arange(-_HARMONICS, _HARMONICS + 1, dtype=np.float64)
     there = power > np.finfo(np.float64).eps ** 2  # a coefficient that is 0 but for rounding meets S(0) = inf
     coloured = RandomError(tuple(term for term in model.terms if term.name != "white"))
     return model.N + float(power[there] @ growth(coloured, k[there] * omega / (2 * turns)))
@@ -241,7 +245,8 @@ def peak(term: Term) -> float:
 
     Notes
     -----
-    ``omega^2 = -(mu^2 + lambda^2) + 2 lambda sqrt(mu^2 + lambda^2)`` of noise 2 and ``lambda^2 - mu^2`` of noise 3.
+    ``omega^2 = -(mu^2 + lambda^2) + 2 lambda sqrt(mu^2 + lambda^2)`` of noise 2 and ``lambda^2 - mu^2`` of
+    noise 3.
     """
     if not isinstance(term, Coloured):
         return 0.0
@@ -257,8 +262,8 @@ def worse_band(term: Term) -> Band | None:
     Returns
     -------
     Band or None
-        ``0 < omega^2 < 3 lambda^2 - mu^2`` of noise 2, ``0 < omega^2 < 2 (lambda^2 - mu^2)`` of noise 3; None where there
-        are none: white noise, noise 1, rate random walk.
+        ``0 < omega^2 < 3 lambda^2 - mu^2`` of noise 2, ``0 < omega^2 < 2 (lambda^2 - mu^2)`` of noise 3; None
+        where there are none: white noise, noise 1, rate random walk.
     """
     if not isinstance(term, Coloured):
         return None
@@ -270,8 +275,8 @@ def worse_band(term: Term) -> Band | None:
 def worse_bands(model: RandomError) -> tuple[Band, ...]:
     """Rotation rates at which the sum grows more than at rest, in rising order.
 
-    Of one coloured term the closed form of `worse_band`, else the roots of the polynomial in omega^2 that says
-    ``S(omega) = S(0)``.
+    Of one coloured term the closed form of `worse_band`, else the roots of the polynomial in omega^2 that
+    says ``S(omega) = S(0)``.
     """
     if model.K > 0 or not model.coloured:
         return ()
@@ -291,7 +296,7 @@ def worse_bands(model: RandomError) -> tuple[Band, ...]:
 
 
 def recommended_rate(model: RandomError, fraction: float) -> float:
-    """The smallest rotation rate outside every 'worse' band where colour grows by at most a fraction of white noise.
+    """The smallest rate outside the 'worse' bands that leaves colour no more than a fraction of white noise.
 
     Parameters
     ----------
@@ -321,7 +326,9 @@ def recommended_rate(model: RandomError, fraction: float) -> float:
     if not colour.terms or growth(colour, 0.0) <= level:
         return 0.0
     bands = worse_bands(colour)
-    rates = np.concatenate([_crossings(*_rational(colour)[:2], level, _rational(colour)[2]), [b.high for b in bands]])
+    rates = np.concatenate(
+        [_crossings(*_rational(colour)[:2], level, _rational(colour)[2]), [b.high for b in bands]]
+    )
     # At a crossing the growth is the level but for rounding; it must not rise above it there
     fits = [w for w in np.sort(rates) if growth(colour, w * (1 + 1e-9)) <= level * (1 + 1e-12)]
     return float(next(w for w in fits if not any(b.low < w < b.high for b in bands)))
@@ -339,7 +346,8 @@ def allan_variance(model: RandomError, tau: Float) -> Float:
     Returns
     -------
     ndarray
-        ``(4 V(tau) - V(2 tau)) / (2 tau^2)`` with V the variance at rest of the stationary terms, and ``K^2 tau / 3``.
+        ``(4 V(tau) - V(2 tau)) / (2 tau^2)`` with V the variance at rest of the stationary terms, and ``K^2
+        tau / 3``.
     """
     tau = np.asarray(tau, dtype=np.float64)
     stationary = RandomError(tuple(term for term in model.terms if not isinstance(term, RateRandomWalk)))
@@ -372,10 +380,11 @@ def _rational(model: RandomError) -> tuple[Float, Float, float]:
     if model.K > 0:
         parts.append((np.array([2 * model.K**2 / unit**2]), np.array([0.0, 1.0])))
     polynomial = np.polynomial.polynomial
-    top, bottom = np.zeros(1), np.ones(1)
+    top, bottom = [np.asarray(part, dtype=np.float64) for part in (np.zeros(1), np.ones(1))]
     for above, below in parts:
-        top = polynomial.polyadd(polynomial.polymul(top, below), polynomial.polymul(above, bottom))
-        bottom = polynomial.polymul(bottom, below)
+        numerator = polynomial.polyadd(polynomial.polymul(top, below), polynomial.polymul(above, bottom))
+        top = np.asarray(numerator, dtype=np.float64)
+        bottom = np.asarray(polynomial.polymul(bottom, below), dtype=np.float64)
     return top, bottom, float(unit)
 
 

@@ -144,11 +144,12 @@ def lag_one(x: Float, starts: Integer, stops: Integer, m: int, order: int) -> tu
 
 @njit(cache=True)
 def _difference(x: Float, i: int, m: int, order: int) -> float:
-    if order == 0:
-        return x[i + m] - x[i]
+    d = x[i + m] - x[i]
     if order == 1:
-        return (x[i + 2 * m] - x[i + m]) - (x[i + m] - x[i])
-    return (x[i + 3 * m] - x[i]) - 3.0 * (x[i + 2 * m] - x[i + m])
+        d = (x[i + 2 * m] - x[i + m]) - d
+    elif order == 2:
+        d = (x[i + 3 * m] - x[i]) - 3.0 * (x[i + 2 * m] - x[i + m])
+    return float(d)
 
 
 @njit(cache=True, fastmath=_ANY_ORDER)

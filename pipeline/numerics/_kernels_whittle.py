@@ -16,7 +16,8 @@ def expected(
 ) -> None:
     """Add the exponentials to f and their derivatives to df.
 
-    With ``q = exp(-p - i omega)``, ``u = 1/(1 - q)``, ``r = exp(-p n)`` (q^n is r at the frequencies 2 pi k / n)::
+    With ``q = exp(-p - i omega)``, ``u = 1/(1 - q)``, ``r = exp(-p n)`` (q^n is r at the frequencies 2 pi k /
+    n)::
 
         E = sum_(j<n) (1 - j/n) q^j = u - q (1 - r) u^2 / n
         f += Re[c E(p) + c* E(p*)] - Re c

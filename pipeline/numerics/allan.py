@@ -211,7 +211,7 @@ def variances(record: Record, factors: Integer, kind: Kind = "allan") -> Varianc
     scale = (6.0 if kind == "hadamard" else 2.0) * tau**2 * terms
     if kind == "modified":
         scale *= m.astype(np.float64) ** 2
-    return Variances(kind, m, tau, sums / scale, terms, whole - terms)
+    return Variances(kind, m, np.asarray(tau, dtype=np.float64), sums / scale, terms, whole - terms)
 
 
 def terms_of_runs(runs: Integer, m: int, kind: Kind) -> Integer:

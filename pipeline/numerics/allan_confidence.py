@@ -196,7 +196,7 @@ def _lags(m: int, order: int) -> Float:
 
 
 def _s_x(t: Float, F: float, power: int) -> Float:
-    """Of t >= 0; for infinite F the second derivative of s_w, its sign turned, but for what differences remove."""
+    """Of t >= 0; for infinite F minus the second derivative of s_w, but for what z does not depend on."""
     if np.isinf(F):
         return -_s_w(t, power - 2)
     return F**2 * (2 * _s_w(t, power) - _s_w(np.abs(t - 1 / F), power) - _s_w(t + 1 / F, power))

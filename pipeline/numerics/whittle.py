@@ -1,19 +1,21 @@
 """The debiased Whittle likelihood of a stationary process, and its maximum.
 
-Sykulski, Olhede, Guillaumin, Lilly & Early, *Biometrika* 106 (2019) 251-266; with gaps Guillaumin, Sykulski, Olhede &
-Simons, *J. R. Stat. Soc. B* 84 (2022) 1526-1557. The periodogram I is held against its expected value f, not against
-the spectral density, so that neither leakage nor aliasing nor the record's end biases the parameters::
+Sykulski, Olhede, Guillaumin, Lilly & Early, *Biometrika* 106 (2019) 251-266; with gaps Guillaumin, Sykulski,
+Olhede & Simons, *J. R. Stat. Soc. B* 84 (2022) 1526-1557. The periodogram I is held against its expected
+value f, not against the spectral density, so that neither leakage nor aliasing nor the record's end biases
+the parameters::
 
     I_k = |sum_j x_j exp(-i omega_k j)|^2 / n,   omega_k = 2 pi k / n
     f_k = E I_k = sum_(|j|<n) (1 - |j|/n) R_j exp(-i omega_k j)
     -2 ln L = sum over the n - 1 non-zero frequencies of ln f + I/f
 
-For ``R_j = white delta_j + Re sum c exp(-p j)`` f has a closed form at each frequency by itself. Of a long record the
-ordinates above the first `SINGLE` are therefore averaged over bins of a relative width of 1/`BINS_AN_E_FOLD`, within
-which f is constant for any line wider than that: a bin of m ordinates has a gamma distribution of mean f and counts m
-times. A sample of observed rows only (gaps) has ``f_k = sum g_j R_j exp(-i omega_k j)`` with g the autocorrelation of the
-mask, by FFT; a longer one is cut into blocks whose periodograms and masks' autocorrelations are averaged. Its ordinates
-are as many as those of the whole grid, but not independent: each counts for the observed share.
+For ``R_j = white delta_j + Re sum c exp(-p j)`` f has a closed form at each frequency by itself. Of a long
+record the ordinates above the first `SINGLE` are therefore averaged over bins of a relative width of
+1/`BINS_AN_E_FOLD`, within which f is constant for any line wider than that: a bin of m ordinates has a gamma
+distribution of mean f and counts m times. A sample of observed rows only (gaps) has ``f_k = sum g_j R_j
+exp(-i omega_k j)`` with g the autocorrelation of the mask, by FFT; a longer one is cut into blocks whose
+periodograms and masks' autocorrelations are averaged. Its ordinates are as many as those of the whole grid,
+but not independent: each counts for the observed share.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
-from scipy.special import gammainc
+from scipy.special import chdtrc, gammainc, gammaincc, ndtri
 
 from pipeline.numerics import _kernels_whittle as kernels
 
@@ -167,9 +169,9 @@ def expected(spectrum: Periodogram, model: Exponentials) -> tuple[Float, Float]:
     for c, p, d_c, d_p in zip(model.c, model.p, model.d_c.T, model.d_p.T, strict=True):
         falling = spectrum.window * np.exp(-p * j)
         f += _transformed(spectrum, (c * falling).real)
-        for row, a, b in zip(df, d_c, d_p, strict=True):
+        for k, (a, b) in enumerate(zip(d_c, d_p, strict=True)):
             if a != 0 or b != 0:
-                row += _transformed(spectrum, ((a - c * b * j) * falling).real)
+                df[k] += _transformed(spectrum, ((a - c * b * j) * falling).real)
     return f, df
 
 
@@ -179,11 +181,8 @@ def minus_two_log_likelihood(spectrum: Periodogram, f: Float) -> float:
 
 
 def information(spectrum: Periodogram, model: Exponentials) -> Float:
-    """Whittle's Fisher matrix, ``sum of (d ln f)(d ln f)^T / 2`` over the non-zero frequencies, shape (k, k)."""
-    f, df = expected(spectrum, model)
-    slope = df / f
-    matrix: Float = 0.5 * (spectrum.count * slope) @ slope.T
-    return matrix
+    """Whittle's Fisher matrix, half the sum of ``(d ln f)(d ln f)^T`` over the frequencies, shape (k, k)."""
+    return _fisher(spectrum, *expected(spectrum, model))
 
 
 def fit(
@@ -193,7 +192,7 @@ def fit(
     lower: Float,
     upper: Float,
 ) -> Fit:
-    """The greatest likelihood within bounds, by Fisher's scoring with Marquardt's damping from several starts.
+    """The greatest likelihood within bounds: Fisher's scoring, damped, from several starts.
 
     Parameters
     ----------
@@ -215,9 +214,9 @@ def fit(
 def band_whiteness(spectrum: Periodogram, f: Float, parameters: int) -> tuple[float, float]:
     """Test whether ``I/f`` is that of white noise, in bands that double in width.
 
-    In a band of m independent ordinates ``m mean(I/f)`` has a gamma distribution; the sum of ``z^2`` over the bands,
-    z the normal deviate of its probability, has a chi-square distribution with as many degrees of freedom as there are
-    bands, less the parameters that were fitted.
+    In a band of m independent ordinates ``m mean(I/f)`` has a gamma distribution; the sum of ``z^2`` over the
+    bands, z the normal deviate of its probability, has a chi-square distribution with as many degrees of
+    freedom as there are bands, less the parameters that were fitted.
 
     Parameters
     ----------
@@ -231,7 +230,68 @@ def band_whiteness(spectrum: Periodogram, f: Float, parameters: int) -> tuple[fl
     -------
     statistic, p_value : float
     """
-    raise NotImplementedError
+    # Bands of ordinates 1 to 3, 4 to 7, 8 to 15 ...
+    band = np.maximum(np.log2(spectrum.first + 1.0).astype(np.intp), 1)
+    _, start = np.unique(band, return_index=True)
+    m = 0.5 * np.add.reduceat(spectrum.count, start)
+    total = 0.5 * np.add.reduceat(spectrum.count * spectrum.value / f, start)
+    below, above = gammainc(m, total), gammaincc(m, total)
+    z = np.where(below < above, ndtri(below), -ndtri(above))
+    statistic = float(z @ z)
+    return statistic, float(chdtrc(max(len(z) - parameters, 1), statistic))
+
+
+def _with_gaps(x: Float, observed: Mask) -> Periodogram:
+    """The periodogram of the observed rows, averaged over blocks where the record is long."""
+    blocks = -(-len(x) // LONGEST_BLOCK)
+    n = int(next_fast_len(-(-len(x) // blocks), real=True))
+    there = np.zeros(blocks * n)
+    there[: len(x)] = observed
+    centred = np.zeros(blocks * n)
+    centred[: len(x)][observed] = x[observed] - np.mean(x[observed])
+    ordinates, window = np.zeros(n // 2), np.zeros(n)
+    for rows in range(0, blocks * n, n):
+        transform = rfft(centred[rows : rows + n])[1:]
+        ordinates += (transform.real**2 + transform.imag**2) / (n * blocks)
+        padded = rfft(there[rows : rows + n], next_fast_len(2 * n, real=True))
+        correlation = irfft(padded.real**2 + padded.imag**2, next_fast_len(2 * n, real=True))
+        window += correlation[:n] / (n * blocks)
+    samples = int(np.count_nonzero(observed))
+    return _binned(ordinates, n, samples, window)
+
+
+def _binned(ordinates: Float, n: int, samples: int, window: Float | None) -> Periodogram:
+    """Average the n // 2 ordinates of the half circle above the first `SINGLE`."""
+    half = len(ordinates)
+    multiplicity = np.full(half, 2.0)
+    if n % 2 == 0:
+        multiplicity[-1] = 1.0  # Nyquist's frequency is there once
+    first = _bins(half)
+    weight = np.add.reduceat(multiplicity, first)
+    omega = 2 * np.pi / n * np.arange(1, half + 1)
+    mean_omega = np.add.reduceat(multiplicity * omega, first) / weight
+    value = np.add.reduceat(multiplicity * ordinates, first) / weight
+    count = weight * ((samples - 1) / (n - 1))
+    return Periodogram(mean_omega, value, count, samples, n, window, first)
+
+
+def _bins(half: int) -> NDArray[np.intp]:
+    """First ordinate of each bin."""
+    single = np.arange(min(half, SINGLE))
+    if half <= SINGLE:
+        return single
+    steps = int(np.log(half / SINGLE) * BINS_AN_E_FOLD) + 1
+    wide = np.unique((SINGLE * np.exp(np.arange(steps) / BINS_AN_E_FOLD)).astype(np.intp))
+    return np.concatenate([single, wide[wide < half]])
+
+
+def _transformed(spectrum: Periodogram, product: Float) -> Float:
+    """``sum over |j| < n of product_|j| exp(-i omega_k j)``, averaged over the bins."""
+    ordinates = 2 * rfft(product).real[1:] - product[0]
+    if len(spectrum.first) == len(ordinates):
+        return np.asarray(ordinates, dtype=np.float64)
+    size = np.diff(np.append(spectrum.first, len(ordinates)))
+    return np.asarray(np.add.reduceat(ordinates, spectrum.first) / size, dtype=np.float64)
 
 
 def _climb(
@@ -265,5 +325,11 @@ def _climb(
         if lowered < _SMALL_DECREASE:
             break
     else:
-        return Fit(theta, _half(spectrum, f, df), value, False)
-    return Fit(theta, _half(spectrum, f, df), value, True)
+        return Fit(theta, _fisher(spectrum, f, df), value, False)
+    return Fit(theta, _fisher(spectrum, f, df), value, True)
+
+
+def _fisher(spectrum: Periodogram, f: Float, df: Float) -> Float:
+    slope = df / f
+    matrix: Float = 0.5 * (spectrum.count * slope) @ slope.T
+    return matrix

@@ -22,6 +22,7 @@ from pipeline.models.earth import DEGREES_PER_HOUR, RATE
 from pipeline.models.gyro_drift import DRIFT, TILT
 from pipeline.models.spiral_inversion import spiral_estimates
 from pipeline.stages._drift_settings import Method, Settings
+from pipeline.stages.base import StageError
 
 Float = NDArray[np.float64]
 
@@ -39,12 +40,13 @@ class Fits:
     ----------
     linear : LinearFit
         The cumulative least squares: what it marked is no observation to any method.
-    exact : Estimate, optional
-        Of gauss_newton, where the plan has that method. The linear fit then has what it neglects from it.
+    exact : Estimate or GyrostandError, optional
+        Of gauss_newton, or why it cannot be done; None where the plan has not that method. The linear fit has
+        what it neglects from the estimate.
     """
 
     linear: LinearFit
-    exact: Estimate | None
+    exact: Estimate | GyrostandError | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +96,12 @@ def fitted(problem: Problem, settings: Settings) -> Fits:
     linear = _linear(problem, settings)
     if "gauss_newton" not in settings.methods:
         return Fits(linear, None)
-    exact, _ = gauss_newton_and_noise(
-        linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
-    )
+    try:
+        exact, _ = gauss_newton_and_noise(
+            linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
+        )
+    except GyrostandError as error:
+        return Fits(linear, error)
     # Without installation errors the linear model is exact: it neglects their products with the drift alone.
     if not (exact.figures["converged"] and settings.installation_errors):
         return Fits(linear, exact)
@@ -147,6 +152,8 @@ def one(method: Method, fits: Fits, settings: Settings) -> Estimate:
             return fit.estimate
         case "gauss_newton":
             assert fits.exact is not None, "fitted where the plan has the method"
+            if isinstance(fits.exact, GyrostandError):
+                raise fits.exact
             return fits.exact
         case "segments":
             return segments(
@@ -217,6 +224,13 @@ def _decay(fits: Fits, settings: Settings, estimates: Sequence[Estimate]) -> flo
     if given is not None or settings.process_noise != "decaying":
         return given
     found = next((e for e in estimates if e.method == "transient"), None) or one("transient", fits, settings)
+    if "decay" not in found.figures:
+        raise StageError(
+            "method filter",
+            expected="a transient, for process_noise = 'decaying'",
+            found="none: a constant drift explains the record as well",
+            remedy='set identify.process_noise = "none", or give transient_hours',
+        )
     return found.figures["decay"]
 
 

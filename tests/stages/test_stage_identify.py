@@ -190,7 +190,7 @@ def test_a_transient_is_told_by_its_regression_and_the_decaying_filter() -> None
     for k, name in enumerate(DRIFT):
         assert abs(told.loc[name, "value"] - GYRO.m[k]) < 4 * told.loc[name, "standard_error"]
         assert abs(told.loc[f"{name}_0", "value"] - m0[k]) < 4 * told.loc[f"{name}_0", "standard_error"]
-    # MATH 2.7: with 0.1 arcsec the filter reaches 2e-6 to 1.3e-5 deg/h at this e-fold; one seed may twice that
+    # MATH 2.7: with 0.1 arcsec the filter reaches 2e-6 to 1.3e-5 deg/h here; one seed may twice that
     last = parameters(out, "filter").loc[list(DRIFT)]
     assert (last["drift"] - GYRO.m * EARTH_RATE).abs().max() < 3e-5
     assert figure(out, "transient_time") == pytest.approx(1.0, rel=0.05)
