@@ -1,4 +1,4 @@
-"""One gyro on a rate table: parameters against the simulator's truth, errors against their standard errors."""
+"""One gyro on a rate table: parameters against simulated truth, errors against their standard errors."""
 
 from __future__ import annotations
 

@@ -14,7 +14,9 @@ CORNERS = records.corners(DEGREE * np.array([10.0, -10.0, 30.0, -30.0, 60.0, -60
 GAIN, STEP = 1.01, 0.02
 
 
-def estimated(seed: int, offset: float, *, tachometer: float, memory: float, gain: float = GAIN) -> TimeOffset:
+def estimated(
+    seed: int, offset: float, *, tachometer: float, memory: float, gain: float = GAIN
+) -> TimeOffset:
     """A gyro at 200 Hz by a clock of its own, begun 1 s before the table's record at 50 Hz."""
     rng = np.random.default_rng(seed)
     time, rate, angle = records.table(CORNERS, STEP)

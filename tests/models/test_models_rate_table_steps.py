@@ -55,7 +55,10 @@ def test_the_turn_is_zero_over_whole_turns_and_that_of_the_encoder_at_rest() -> 
     time, rate, angle = records.table(records.corners(RATES, HOLD), STEP)
     gyro = np.zeros((len(time), 1))
     stood = float(np.interp(3 * (HOLD + records.RAMP) - 1.0, time, angle)) + 0.7
-    for motion, at_rest in ((Motion.of_angle(time, angle + 0.7), stood), (Motion.of_rate(time, rate), np.nan)):
+    for motion, at_rest in (
+        (Motion.of_angle(time, angle + 0.7), stood),
+        (Motion.of_rate(time, rate), np.nan),
+    ):
         stretches = constant_stretches(motion, shortest=20.0, settling=1.0)
         turn = measure_steps(motion, stretches, time, gyro).turn
         np.testing.assert_allclose(turn[2], [np.cos(at_rest), np.sin(at_rest)], atol=1e-9)
@@ -82,7 +85,7 @@ def test_without_constant_rate_there_is_an_error() -> None:
     with pytest.raises(RateTableError, match="stretches of constant rate of at least 10 s") as caught:
         constant_stretches(swing, shortest=10.0, settling=0.0)
     assert caught.value.exit_code == 1
-    with pytest.raises(RateTableError, match="a record of 199.98 s"):
+    with pytest.raises(RateTableError, match=r"a record of 199\.98 s"):
         constant_stretches(swing, shortest=2000.0, settling=0.0)
 
 
@@ -107,9 +110,9 @@ def test_earth_rate_on_the_rotor() -> None:
     np.testing.assert_allclose(north.earth_rate, U * np.array([-s, 0.0, c]), atol=1e-20)
     # one to the East sees none
     assert TableAxis(latitude, np.pi / 2, np.pi / 2).earth_rate[2] == pytest.approx(0.0, abs=1e-20)
-    assert TableAxis(latitude, 1.0, 0.7).across ** 2 + TableAxis(
-        latitude, 1.0, 0.7
-    ).earth_rate[2] ** 2 == pytest.approx(U**2, rel=1e-12)
+    assert TableAxis(latitude, 1.0, 0.7).across ** 2 + TableAxis(latitude, 1.0, 0.7).earth_rate[
+        2
+    ] ** 2 == pytest.approx(U**2, rel=1e-12)
 
 
 NOISES = {
@@ -129,8 +132,8 @@ def test_standard_errors_of_means(kind: str) -> None:
     normalised = []
     for _ in range(150):
         noise = records.white(rng, (7, 480, 1), 1.0)
-        for stretch in noise:
-            stretch += records.coloured(rng, (480, 1), share, memory, 1.0) if share else 0.0
+        if share:
+            noise += np.stack([records.coloured(rng, (480, 1), share, memory, 1.0) for _ in noise])
         normalised.append(noise.mean(axis=1) / standard_errors(list(noise)))
     assert low < np.std(normalised) < high
 

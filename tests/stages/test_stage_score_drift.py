@@ -72,6 +72,12 @@ def test_drift_in_degrees_an_hour_and_angles_in_arc_minutes() -> None:
     assert found["theta1"]["value"] == pytest.approx(np.rad2deg(1e-3) * 60)
 
 
+def test_what_is_not_determined_has_no_figure() -> None:
+    found = score([parameter("m11", 0.0, 0.1, state="undetermined")], residuals(("used", 1.0)))
+    assert found["m11"]["value"] is None
+    assert found["m11"]["standard_error"] is None
+
+
 def test_of_several_runs_the_largest_misalignment_and_nothing_that_is_bound() -> None:
     of_runs = [parameter("epsilon2", value, 1e-6, run=run) for run, value in enumerate((1e-4, -3e-4, 2e-4))]
     bound = parameter("epsilon1", 0.0, 0.0, run=0, state="given")
