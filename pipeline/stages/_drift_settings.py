@@ -29,7 +29,7 @@ class Settings(_Settings):
     )
     primary: Method | None = Field(
         None,
-        description="method that the figures and the hold-out are of; None: gauss_newton, else the first",
+        description="method of the hold-out; None: transient where the drift settles, else gauss_newton",
     )
     installation_errors: bool = Field(
         True, description="whether the tilt of the rotor and the misalignment of the base are unknown"

@@ -15,11 +15,11 @@ from pipeline.models.drift_advice import Proposal
 from pipeline.models.drift_filter import Evolution
 from pipeline.models.drift_observability import expression
 from pipeline.models.drift_problem import Arc, Estimate, Mask, Parameter, Prior, Problem
+from pipeline.models.drift_transient import STARTING
 from pipeline.models.earth import DEGREES_PER_HOUR, RATE, Base
 from pipeline.models.gyro_drift import DRIFT
 from pipeline.models.spiral_inversion import INVERSIONS
 from pipeline.numerics.observability import Observability
-from pipeline.stages._drift_methods import STARTING
 from pipeline.stages.base import rows
 
 Time = NDArray[np.int64]

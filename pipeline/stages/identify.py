@@ -121,14 +121,19 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         "drift_estimates": as_table.evolution_rows(histories, times),
         "residuals": pa.concat_tables(residuals),
         "findings": rows("findings", findings),
-        "metrics": rows("metrics", list(_metrics(found, told.states))),
+        "metrics": rows("metrics", list(_metrics(found, primary, told.states))),
     }
 
 
 def _primary(found: Identified, settings: Settings) -> Estimate:
     """The estimate that the combinations and the hold-out are of."""
-    wanted = settings.primary or "gauss_newton"
+    wanted = settings.primary or ("transient" if _settles(found) else "gauss_newton")
     return next((e for e in found.estimates if e.method == wanted), found.fits.linear.estimate)
+
+
+def _settles(found: Identified) -> bool:
+    """Whether there is a transient: then no method of constant drift holds."""
+    return found.fits.settling is not None and "decay" in found.fits.settling.figures
 
 
 def _residuals(problem: Problem, times: Sequence[Time], found: Identified) -> list[pa.Table]:
@@ -180,6 +185,12 @@ def _findings(found: Identified, times: Sequence[Time]) -> Iterator[dict[str, An
             f"the residuals are not white (probability {found.fits.linear.whiteness:.2g}): allowed for by an "
             f"autoregression of order {len(noise.coefficients)}",
         )
+    if found.fits.settling is not None and _settles(found):
+        figures = found.fits.settling.figures
+        hours = 1 / (figures["decay"] * RATE * 3600)
+        error = hours * figures["decay_standard_error"] / figures["decay"]
+        detail = f"the drift settles, to 1/e in {hours:.3g} ± {error:.1g} h: a constant one does not hold"
+        yield _finding("transient", "warning", detail)
     for method, reasons in found.refused.items():
         for reason in reasons:
             named = reason if reason.startswith("method ") else f"{method}: {reason}"
@@ -224,13 +235,13 @@ def _finding(
     return finding("identify", "gimbal", kind, severity, detail, start=start, end=end, count=count)
 
 
-def _metrics(found: Identified, states: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _metrics(found: Identified, primary: Estimate, states: Sequence[str]) -> Iterator[dict[str, Any]]:
     fit = found.fits.linear
 
     def figure(channel: str, name: str, value: float, unit: str = "1") -> dict[str, Any]:
         return metric("identify", channel, name, value, unit)
 
-    yield figure("gimbal", "noise_level", fit.estimate.sigma / ARCSEC, "arcsec")
+    yield figure("gimbal", "noise_level", primary.sigma / ARCSEC, "arcsec")
     yield figure("gimbal", "whiteness", fit.whiteness)
     yield figure("gimbal", "outlier_count", sum(int(marked.sum()) for marked in fit.outliers))
     yield figure("gimbal", "condition", fit.estimate.figures["condition"])

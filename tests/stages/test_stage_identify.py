@@ -196,6 +196,26 @@ def test_a_transient_is_told_by_its_regression_and_the_decaying_filter() -> None
     assert figure(out, "transient_time") == pytest.approx(1.0, rel=0.05)
 
 
+def test_a_transient_with_installation_errors_is_told_within_its_errors() -> None:
+    """What the linear model neglects of a drift of 0.05 is tens of standard errors; it comes from the exact one."""
+    settings = {
+        "methods": ("gauss_newton", "transient", "filter"),
+        "process_noise": "decaying",
+        "advice": False,
+    }
+    record = tables([HORIZONTAL], transient=Transient(np.full(6, 0.05), 1 / (3600 * RATE)))
+    out = identify.run(record, identify.Settings(**settings), Stand())
+    for method in ("transient", "filter"):
+        found = parameters(out, method).loc[[*DRIFT, *TILT]]
+        truth = np.array([TRUTH[name] for name in found.index])
+        assert (((found["value"] - truth) / found["standard_error"]).abs() < 4).all()
+    assert figure(out, "noise_level") == pytest.approx(1.0, abs=4 * 0.013)
+    kinds = out["findings"]["kind"].to_pylist()
+    assert "transient" in kinds
+    held = out["residuals"].to_pandas().query("state == 'held out'")
+    assert set(held["method"]) == {"transient"}
+
+
 def test_a_method_that_cannot_be_done_is_said() -> None:
     out = identified(
         HORIZONTAL, settings={"methods": ("cumulative", "spiral"), "hold_out": 0.0, "advice": False}
