@@ -197,7 +197,7 @@ def test_a_transient_is_told_by_its_regression_and_the_decaying_filter() -> None
 
 
 def test_a_transient_with_installation_errors_is_told_within_its_errors() -> None:
-    """What the linear model neglects of a drift of 0.05 is tens of standard errors; it comes from the exact one."""
+    """What the linear model neglects of a drift of 0.05 is many standard errors: the exact one has it."""
     settings = {
         "methods": ("gauss_newton", "transient", "filter"),
         "process_noise": "decaying",
