@@ -25,11 +25,17 @@ Symbols
     ``p, q, r``            angular rate about body axes 1, 2, 3 [rad/s]
     ``psi, theta, gamma``  Euler-Krylov angles [rad]
     ``a, b``               trend of an angle: ``a t + b`` [rad/s, rad]
+    ``alpha1, alpha2``     angles of a two-axis gimbal, outer and inner [rad]
+    ``m11 ... mc2``        drift of a non-contact gyro in units of the Earth rate [1]
+    ``theta1, theta2``     tilt of its rotor [rad]
+    ``epsilon``            misalignment of the base across the Earth's axis, ``u x Delta chi`` [rad]
 
 Words
     A *recording* is one file or rosbag2 folder; a *test plan* (TOML) says what it holds; a *procedure* is
     a list of *stages*; a stage is a pure function from *tables* to tables; a *contract* in ``schemas/``
-    states what a table holds; *findings* mark the data; *metrics* carry limits and a *verdict*.
+    states what a table holds; *findings* mark the data; *metrics* carry limits and a *verdict*. A recording
+    of a gimbal holds one *run* of the gyro or several; an *arc* is an uninterrupted stretch of a run, and
+    its *trajectory* the gimbal angles on an even grid.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import pytest
 
 from pipeline.procedures import PROCEDURES
 from pipeline.runner import run
+from pipeline.simulate.samples import SAMPLES
 from pipeline.testplan import load_plan
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -44,11 +46,22 @@ def test_every_setting_is_on_its_procedure_s_page(procedure: str) -> None:
         if stage == "ingest":
             continue  # its settings are on the page on test plans
         section = page.split(f"### {stage}\n")[1].split("\n#")[0]
-        stated = set(re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE))
-        assert stated == set(import_module(f"pipeline.stages.{stage}").Settings.model_fields)
+        stated = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", section, flags=re.MULTILINE))
+        fields = import_module(f"pipeline.stages.{stage}").Settings.model_fields
+        assert set(stated) == set(fields)
+        for name, default in stated.items():
+            if (value := literal(default)) is not None:
+                # None: the stage chooses it
+                assert fields[name].default in (None, value), (stage, name)
 
 
-SAMPLES = ("godorov.mcap", "noisy_gap.bag", "onset", "vibration.csv")
+def literal(cell: str) -> object:
+    """The value that a cell states, a list as a tuple; None where it is words."""
+    try:
+        value = json.loads(cell.strip("`"))
+    except json.JSONDecodeError:
+        return None
+    return tuple(value) if isinstance(value, list) else value
 
 
 def words(text: str) -> list[str | float]:

@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.models.drift_exact_rows import DELTA_CHI, Unknowns, misalignment_of, values
+from pipeline.models.drift_noise import COLOURED, whitened, whiteness
 from pipeline.models.drift_problem import Estimate, Parameter, Problem
 from pipeline.models.drift_trajectory import TrajectoryError, trajectory
 from pipeline.models.earth import Base
 from pipeline.models.gyro_drift import DRIFT, MISALIGNMENT, TILT, Gyro
 from pipeline.numerics.least_squares import triangular
-from pipeline.numerics.whiteness import AutoRegression, fit_autoregression, ljung_box
+from pipeline.numerics.whiteness import AutoRegression
 
 Float = NDArray[np.float64]
 
@@ -45,13 +46,8 @@ _DETERMINED = 0.5
 _LEAST_SIGMA = 1e-9
 """Radians, a thousand times what the trajectories are computed to: smaller residuals are no noise."""
 
-_COLOURED = 0.01
-"""Probability of the whiteness test below which the residuals are taken for coloured."""
-
-_LAGS = 20
 _SETTLED = 1e-3
-"""Change of sigma, relative, and of the autoregression's coefficients at which they have settled: far below
-their standard errors."""
+"""Change of sigma, relative, at which it has settled: far below its standard error."""
 
 _MOST_ROUNDS = 10
 
@@ -138,14 +134,14 @@ def gauss_newton_and_noise(
     fit = _iterated(unknowns, unknowns.of_estimate(start), max_iterations)
     if sigma is None:
         fit = _levelled(fit, max_iterations)
-    whiteness = _whiteness(fit)
+    probability = whiteness(_deviations(fit), [arc.measured for arc in problem.arcs])
     noise: AutoRegression | None = None
-    if coloured and whiteness < _COLOURED and fit.sigma > max((sigma or 0.0) / 2, _LEAST_SIGMA):
+    if coloured and probability < COLOURED and fit.sigma > max((sigma or 0.0) / 2, _LEAST_SIGMA):
         fit, noise = _whitened(fit, sigma, max_iterations)
     estimate = _result(fit)
     figures = {
         **estimate.figures,
-        "whiteness": whiteness,
+        "whiteness": probability,
         "order": 0.0 if noise is None else float(noise.order),
     }
     notes = estimate.notes
@@ -236,37 +232,22 @@ def _deviations(fit: _Fit) -> list[Float]:
     return [arc.alpha - computed for arc, computed in fit.unknowns.computed(fit.x)]
 
 
-def _whiteness(fit: _Fit) -> float:
-    """Smallest probability of an arc's residuals, times the number of arcs (Bonferroni)."""
-    arcs = fit.unknowns.problem.arcs
-    probabilities = [
-        ljung_box(deviation, min(_LAGS, int(arc.measured.sum()) // 5), arc.measured)[1]
-        for arc, deviation in zip(arcs, _deviations(fit), strict=True)
-    ]
-    return min(1.0, min(probabilities) * len(arcs))
-
-
 def _whitened(fit: _Fit, sigma: float | None, max_iterations: int) -> tuple[_Fit, AutoRegression | None]:
     """The fit and the autoregression of its residuals in turn, until that settles."""
-    measured = [arc.measured for arc in fit.unknowns.problem.arcs]
-    white = fit
-    noise: AutoRegression | None = None
-    for _ in range(_MOST_ROUNDS):
-        taken = None if noise is None else fit.unknowns.taken(fit.x, fit.root)
-        found = fit_autoregression(_deviations(fit), measured, taken)
-        if found is None:
-            return white, None
-        change = np.inf
-        if noise is not None and noise.order == found.order:
-            change = float(np.abs(noise.coefficients - found.coefficients).max())
-        noise = found
-        level = replace(fit, unknowns=replace(fit.unknowns, autoregression=noise)).sigma
-        fit = _iterated(
-            replace(fit.unknowns, sigma=sigma or level, autoregression=noise), fit.x, max_iterations
-        )
-        if change < _SETTLED:
-            break
-    return fit, noise
+
+    def refitted(last: _Fit, noise: AutoRegression) -> _Fit:
+        level = replace(last, unknowns=replace(last.unknowns, autoregression=noise)).sigma
+        unknowns = replace(last.unknowns, sigma=sigma or level, autoregression=noise)
+        return _iterated(unknowns, last.x, max_iterations)
+
+    return whitened(
+        fit,
+        [arc.measured for arc in fit.unknowns.problem.arcs],
+        residuals=_deviations,
+        taken=lambda of: of.unknowns.taken(of.x, of.root),
+        refitted=refitted,
+        most_rounds=_MOST_ROUNDS,
+    )
 
 
 def _solved(rows: Float) -> tuple[Float, Float, float]:

@@ -16,12 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.stats import theilslopes
 
+from pipeline.models.drift_noise import BELOW, COLOURED, whitened, whiteness
 from pipeline.models.drift_problem import Arc, Estimate, Mask, Parameter, Problem
 from pipeline.models.drift_regression import Quadrature
 from pipeline.models.drift_rows import (
@@ -35,9 +37,10 @@ from pipeline.models.drift_rows import (
     cumulative_rows,
     fit_rows,
     nominal_parameters,
+    residuals,
 )
 from pipeline.numerics.least_squares import triangular
-from pipeline.numerics.whiteness import AutoRegression, fit_autoregression, ljung_box
+from pipeline.numerics.whiteness import AutoRegression
 
 Float = NDArray[np.float64]
 
@@ -53,13 +56,6 @@ _SMOOTH = 0.05
 _REPLACED = 0.1
 """Standard deviations by which a replaced angle may still move when the passes end."""
 _MOST_PASSES = 10
-_COLOURED = 0.01
-"""Probability of the whiteness test below which the residuals are taken for coloured."""
-_BELOW = 0.5
-"""Part of a given sigma below which residuals are not noise whose colour could matter."""
-_LAGS = 20
-_SETTLED = 1e-3
-"""Change of the autoregression's coefficients at which it has converged: their standard error is more."""
 _MOST_ROUNDS = 50
 
 
@@ -125,11 +121,11 @@ def cumulative(
     columns = columns_of(problem)
     marking = _marked(problem, columns, quadrature, sigma, robust)
     cleaned, rows, fit = marking.problem, marking.rows, marking.fit
-    whiteness = _whiteness(cleaned, fit, None)
+    probability = whiteness(residuals(cleaned, fit.predicted), [arc.measured for arc in cleaned.arcs])
     noise = None
-    if coloured and whiteness < _COLOURED and fit.residual_sigma > _BELOW * (sigma or 0.0):
-        noise, fit = _whitened(cleaned, columns, rows, fit, sigma)
-    return _result(columns, marking, fit, noise, whiteness)
+    if coloured and probability < COLOURED and fit.residual_sigma > BELOW * (sigma or 0.0):
+        fit, noise = _whitened(cleaned, columns, rows, fit, sigma)
+    return _result(columns, marking, fit, noise, probability)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,17 +176,20 @@ def _marked(
 
 def _outliers(problem: Problem, fit: Fit, sigma: float | None) -> tuple[Mask, ...]:
     """Measured samples far from the running median of the residual, either angle, by a common scale."""
-    residuals = [arc.alpha - a for arc, a in zip(problem.arcs, fit.predicted, strict=True)]
-    deviations = [np.column_stack([_deviation(channel) for channel in r.T]) for r in residuals]
+    left = residuals(problem, fit.predicted)
+    deviations = [np.column_stack([_deviation(channel) for channel in r.T]) for r in left]
     kept = [arc.measured for arc in problem.arcs]
-    scale = max(_scale(deviations, kept), _SMOOTH * _scale(residuals, kept), sigma or 0.0)
+    scale = max(_scale(deviations, kept), _SMOOTH * _scale(left, kept), sigma or 0.0)
     return tuple(
         m & (np.abs(d) > _OUTLYING * scale).any(axis=1) for d, m in zip(deviations, kept, strict=True)
     )
 
 
 def _deviation(residual: Float) -> Float:
-    """From the running median; at the ends from a line of median slope (Theil & Sen), shape (n,)."""
+    """From the running median; at the ends from a robust line or parabola, the nearer of them, shape (n,).
+
+    A drift that settles bends the residual where the record begins, as no line does.
+    """
     n, half = len(residual), _WINDOW // 2
     if n < _WINDOW:
         return residual - np.median(residual)
@@ -199,8 +198,19 @@ def _deviation(residual: Float) -> Float:
     for first, of_end in ((0, slice(0, half)), (n - _WINDOW, slice(_WINDOW - half, _WINDOW))):
         y = residual[first : first + _WINDOW]
         slope, level, _, _ = theilslopes(y, x)
-        deviation[first : first + _WINDOW][of_end] = (y - level - slope * x)[of_end]
+        straight, bent = y - level - slope * x, y - _parabola(y)
+        nearer = np.where(np.abs(straight) < np.abs(bent), straight, bent)
+        deviation[first : first + _WINDOW][of_end] = nearer[of_end]
     return np.asarray(deviation, dtype=np.float64)
+
+
+def _parabola(y: Float) -> Float:
+    """Of the parabolas through three samples of y that of least median deviation (Rousseeuw), shape (n,)."""
+    powers = np.vander(np.arange(len(y)), 3).astype(np.float64)
+    three = np.array(list(combinations(range(len(y)), 3)))
+    found = np.linalg.solve(powers[three], y[three][:, :, np.newaxis])[:, :, 0] @ powers.T
+    best = int(np.argmin(np.median(np.abs(y - found), axis=1)))
+    return np.asarray(found[best], dtype=np.float64)
 
 
 def _scale(arcs: Sequence[Float], kept: Sequence[Mask]) -> float:
@@ -223,51 +233,32 @@ def _replaced(problem: Problem, outliers: Sequence[Mask], fit: Fit) -> Problem:
     return replace(problem, arcs=tuple(clean(*arc) for arc in arcs))
 
 
-def _whiteness(problem: Problem, fit: Fit, noise: AutoRegression | None) -> float:
-    """Smallest probability of an arc's residuals, times the number of arcs (Bonferroni)."""
-    probabilities = []
-    for arc, predicted in zip(problem.arcs, fit.predicted, strict=True):
-        residual, there = arc.alpha - predicted, arc.measured
-        if noise is not None:
-            residual, there = noise.whiten(residual), noise.whole(there)
-        lags = min(_LAGS, int(there.sum()) // 5)
-        probabilities.append(ljung_box(residual, lags, there)[1])
-    return min(1.0, min(probabilities) * len(probabilities))
-
-
 def _whitened(
     problem: Problem, columns: Columns, rows: Sequence[ArcRows], fit: Fit, sigma: float | None
-) -> tuple[AutoRegression | None, Fit]:
+) -> tuple[Fit, AutoRegression | None]:
     """Step 3 of the module's text: the parameters and the autoregression in turn until it settles."""
-    measured = [arc.measured for arc in problem.arcs]
-    white = fit
-    noise: AutoRegression | None = None
-    for _ in range(_MOST_ROUNDS):
-        residuals = [arc.alpha - a for arc, a in zip(problem.arcs, fit.predicted, strict=True)]
-        taken = None if noise is None else fit.spread(problem, columns, rows)
-        found = fit_autoregression(residuals, measured, taken)
-        if found is None:
-            return None, white
-        settled = (
-            noise is not None
-            and noise.order == found.order
-            and float(np.abs(noise.coefficients - found.coefficients).max()) < _SETTLED
-        )
-        noise = found
+
+    def refitted(_: Fit, noise: AutoRegression) -> Fit:
         of_white = None if sigma is None else sigma / noise.spread
-        fit = fit_rows(problem, columns, rows, noise=noise, sigma=of_white)
-        if settled:
-            break
-    return noise, fit
+        return fit_rows(problem, columns, rows, noise=noise, sigma=of_white)
+
+    return whitened(
+        fit,
+        [arc.measured for arc in problem.arcs],
+        residuals=lambda of: residuals(problem, of.predicted),
+        taken=lambda of: of.spread(problem, columns, rows),
+        refitted=refitted,
+        most_rounds=_MOST_ROUNDS,
+    )
 
 
 def _result(
-    columns: Columns, marking: _Marking, fit: Fit, noise: AutoRegression | None, whiteness: float
+    columns: Columns, marking: _Marking, fit: Fit, noise: AutoRegression | None, probability: float
 ) -> LinearFit:
     innovation = fit.solution.sigma
     spread = 1.0 if noise is None else noise.spread
     figures = {
-        "whiteness": whiteness,
+        "whiteness": probability,
         "innovation_sigma": innovation,
         "order": 0.0 if noise is None else float(noise.order),
         "degrees_of_freedom": float(fit.freedom),
@@ -288,5 +279,5 @@ def _result(
         marking.nominal,
         rows,
         columns.parameters,
-        whiteness,
+        probability,
     )

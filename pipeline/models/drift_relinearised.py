@@ -10,10 +10,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pipeline.models.drift_exact_rows import DELTA_CHI
-from pipeline.models.drift_problem import Estimate, Problem
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.models.drift_exact_rows import misalignment_of, values
+from pipeline.models.drift_problem import Arc, Estimate, Parameter, Problem
 from pipeline.models.drift_rows import nominal_of
+from pipeline.models.drift_transient import STARTING
+from pipeline.models.earth import Base
 from pipeline.models.gyro_drift import DRIFT, TILT, Gyro, exact_rates, linear_model
+
+Float = NDArray[np.float64]
 
 
 def relinearised(problem: Problem, estimate: Estimate) -> Problem:
@@ -23,14 +30,27 @@ def relinearised(problem: Problem, estimate: Estimate) -> Problem:
     ----------
     problem : Problem
     estimate : Estimate
-        Of `gauss_newton`, with theta and Delta chi.
+        With theta and Delta chi, or epsilon. Where it has the m0 of a transient, m changes along the arc.
     """
-    gyro = Gyro(estimate.of(DRIFT), estimate.of(TILT))
-    arcs = []
-    for arc in problem.arcs:
-        base = problem.bases[arc.run]
-        c, F = linear_model(arc.alpha, base)
-        standing = base.misaligned(estimate.of(DELTA_CHI, arc.run))
-        linear = c + F @ nominal_of(estimate, arc.run)
-        arcs.append(replace(arc, neglected=exact_rates(arc.alpha, gyro, standing) - linear))
+    arcs = [replace(arc, neglected=_neglected(arc, problem, estimate)) for arc in problem.arcs]
     return replace(problem, arcs=tuple(arcs))
+
+
+def _neglected(arc: Arc, problem: Problem, estimate: Estimate) -> Float:
+    """``r = exact - (c + F p)``, shape (n, 2); both are linear in m, and so in what it was at first."""
+    base = problem.bases[arc.run]
+    standing = base.misaligned(misalignment_of(estimate, base, arc.run))
+    settled = _of(estimate, DRIFT, arc, base, standing)
+    if Parameter(STARTING[0]) not in estimate.parameters:
+        return settled
+    e = np.exp(-estimate.figures["decay"] * arc.tau)[:, np.newaxis]
+    return e * _of(estimate, STARTING, arc, base, standing) + (1 - e) * settled
+
+
+def _of(estimate: Estimate, drift: tuple[str, ...], arc: Arc, base: Base, standing: Base) -> Float:
+    """The same with one of the drifts of the estimate throughout."""
+    p = nominal_of(estimate, arc.run)
+    p[: len(DRIFT)] = values(estimate, drift)
+    c, F = linear_model(arc.alpha, base)
+    gyro = Gyro(p[: len(DRIFT)], values(estimate, TILT))
+    return exact_rates(arc.alpha, gyro, standing) - (c + F @ p)

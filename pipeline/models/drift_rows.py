@@ -259,6 +259,11 @@ def fit_rows(
     return Fit(solution, A, tuple(triangles), tuple(predicted), freedom, residual_sigma)
 
 
+def residuals(problem: Problem, predicted: Sequence[Float]) -> list[Float]:
+    """Measured less predicted angles of each arc, each of shape (n, 2) [rad]."""
+    return [arc.alpha - angles for arc, angles in zip(problem.arcs, predicted, strict=True)]
+
+
 def placed(rows: Float, place: NDArray[np.intp], k: int) -> Float:
     """Rows of a run among the columns of all runs; the right-hand side stays last."""
     wide = np.zeros((len(rows), k + 1))

@@ -36,6 +36,9 @@ from pipeline.numerics.whiteness import AutoRegression
 
 Float = NDArray[np.float64]
 
+_UNKNOWN = 1.0
+"""Standard deviation of an angle [rad] that no residual tells: the rows weigh nothing beside a prior."""
+
 
 def segments(
     problem: Problem,
@@ -130,10 +133,13 @@ class _Noise:
         return cls(arc.measured, _used(arc, length), length, growth, colour)
 
     def transposed(self, y: Float) -> Float:
-        """``D^T y``, shape (2 n, r), coloured, for y of shape (2 m, r), a row an angle of a used segment."""
+        """``L^T D^T y`` for y of shape (2 m, r), a row an angle of a used segment; v = L w with white w.
+
+        Shape (2 n, r) where the noise is white; coloured it has begun before the arc.
+        """
         n = len(self.measured)
         of_segment = np.zeros((len(self.used), 2, y.shape[1]))
-        of_segment[self.used] = y.reshape(-1, 2, y.shape[1])
+        of_segment[self.used] = y.reshape(int(self.used.sum()), 2, y.shape[1])
         over = np.zeros((n + 1, 2, y.shape[1]))  # over each step, with one before and one after the arc
         over[1 : 1 + len(self.used) * self.length] = np.repeat(of_segment, self.length, axis=0)
         z = -np.einsum("iba,ibr->iar", self.growth, (over[1:] + over[:-1]) / 2)
@@ -141,9 +147,10 @@ class _Noise:
         z[self.length : len(self.used) * self.length + 1 : self.length] += of_segment
         z[~self.measured] = 0.0
         if self.colour is not None:
-            # v = L w with L the recursion forward in time, so L^T runs backward.
-            z = lfilter([1.0], [1.0, *-self.colour.coefficients], z[::-1], axis=0)[::-1] / self.colour.spread
-        return np.asarray(z.reshape(2 * n, -1), dtype=np.float64)
+            # L is the recursion forward in time, L^T runs backward.
+            z = np.concatenate([np.zeros((self.colour.memory, *z.shape[1:])), z])
+            z = lfilter([1.0], [1.0, *-self.colour.coefficients], z[::-1], axis=0) / self.colour.spread
+        return np.asarray(z.reshape(2 * len(z), -1), dtype=np.float64)
 
     @property
     def power(self) -> float:
@@ -157,7 +164,7 @@ class _Noise:
 
 
 def _through(y: Float, noises: list[_Noise]) -> Float:
-    """``D^T y`` of all arcs, rows of y in their order."""
+    """``L^T D^T y`` of all arcs, rows of y in their order."""
     edges = np.cumsum([0, *(2 * int(noise.used.sum()) for noise in noises)])
     parts = [noise.transposed(y[a:b]) for noise, a, b in zip(noises, edges[:-1], edges[1:], strict=True)]
     return np.concatenate(parts)
@@ -170,7 +177,7 @@ def _residual_sigma(plain: Solution, U: Float, noises: list[_Noise]) -> float:
     """
     white = [replace(noise, colour=None) for noise in noises]
     left = sum(noise.power for noise in white) - float(np.sum(_through(U, white) ** 2))
-    return float(np.sqrt(plain.residual @ plain.residual / left)) if left > 0 else 0.0
+    return float(np.sqrt(plain.residual @ plain.residual / left)) if left > 0 else _UNKNOWN
 
 
 def _weighted(A: Float, b: Float, U: Float, columns: Columns, noises: list[_Noise], sigma: float) -> Solution:

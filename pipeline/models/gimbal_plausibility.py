@@ -159,6 +159,8 @@ def judge(tau: Float, alpha: Float, base: Base) -> Judgement | None:
     Judgement or None
         None where the record is too short to say anything.
     """
+    if len(tau) < 2 * _FEWEST_ROWS:
+        return None
     smooth = without_large_spikes(unwrapped(alpha), _LONGEST_SPIKE)
     declared = implied_earth_rate(tau, smooth, base)
     if declared is None:

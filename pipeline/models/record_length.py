@@ -71,8 +71,8 @@ def sufficient_length(
 ) -> float | None:
     """How long a run like this one must be for its third combination to be of use.
 
-    Predicted with a rotor without drift. Where the run so far tells less than that, the factor is taken along;
-    where it tells more, because drift turns the gimbal, only if nothing else would ever do.
+    Predicted with a rotor without drift. Where the run so far tells less than that, the factor is taken
+    along; where it tells more, because drift turns the gimbal, only if nothing else would ever do.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ def from_rates(rates: Float, step: float, present: Mask | None = None) -> Record
     UnusableRecordError
         If nothing is present, or a sample that is present is not finite.
     """
-    starts, stops = _runs(np.ones(1, dtype=np.bool_) if present is None else present, len(rates))
+    starts, stops = _runs(present, len(rates))
     values = np.ascontiguousarray(rates, dtype=np.float64)
     bias = kernels.mean(values, starts, stops)
     _refuse_unless_finite(bias)
@@ -143,7 +143,7 @@ def from_integral(integral: Float, step: float, present: Mask | None = None) -> 
     UnusableRecordError
         If no two successive points are there, or a point that is there is not finite.
     """
-    both = np.ones(1, dtype=np.bool_) if present is None else present[1:] & present[:-1]
+    both = None if present is None else present[1:] & present[:-1]
     starts, stops = _runs(both, len(integral) - 1)
     x = np.ascontiguousarray(integral, dtype=np.float64)
     _refuse_unless_finite(kernels.mean(x, starts, stops + 1))
@@ -222,15 +222,18 @@ def terms_of_runs(runs: Integer, m: int, kind: Kind) -> Integer:
     return np.maximum(runs - span + 1, 0)
 
 
-def _runs(present: Mask, samples: int) -> tuple[Integer, Integer]:
-    """First samples of the runs, and those after their last; a mask of one stands for all."""
-    edges = np.flatnonzero(present[1:] != present[:-1]) + 1
-    bounds = np.concatenate([[0], edges, [samples if len(present) == 1 else len(present)]]).astype(np.int64)
-    first = 0 if len(present) and present[0] else 1
-    starts, stops = bounds[first:-1:2], bounds[first + 1 :: 2]
-    if samples < 1 or not len(starts):
+def _runs(present: Mask | None, samples: int) -> tuple[Integer, Integer]:
+    """First samples of the runs, and those after their last."""
+    if present is None:
+        present = np.ones(max(samples, 0), dtype=np.bool_)
+    if len(present) != max(samples, 0):
+        raise ValueError(f"a mask of {len(present)} for {samples} samples")
+    if not present.any():
         raise UnusableRecordError("no sample is there")
-    return np.ascontiguousarray(starts), np.ascontiguousarray(stops)
+    edges = np.flatnonzero(present[1:] != present[:-1]) + 1
+    bounds = np.concatenate([[0], edges, [samples]]).astype(np.int64)
+    first = 0 if present[0] else 1
+    return np.ascontiguousarray(bounds[first:-1:2]), np.ascontiguousarray(bounds[first + 1 :: 2])
 
 
 def _refuse_unless_finite(mean: float) -> None:

@@ -18,7 +18,9 @@ they are; for flicker nearly). For `total` the fit of SP 1065, table 7: ``nu = b
 
 alpha comes from the lag-1 autocorrelation r of the rate averaged over tau (W. J. Riley & C. A. Greenhall,
 *Power law noise identification using the lag 1 autocorrelation*, EFTF 2004): difference d times until
-``delta = r/(1 + r) < 1/4``, then ``alpha = -2 (delta + d)``.
+``delta = r/(1 + r) < 1/4``. For d = 0 then ``alpha = -2 delta``. Beyond, theirs holds for noise that is made
+of samples; that of means over tau has other r, -0.217 for flicker and 1/4 for a random walk at d = 1, and the
+alpha of the nearest is taken.
 """
 
 from __future__ import annotations
@@ -40,6 +42,9 @@ FEWEST_MEANS = 30
 
 _ALL_LAGS = 400
 """Lags up to which each is taken."""
+_STATIONARY = 1 / 3
+"""Autocorrelation, delta = 1/4, from which on the averages are differenced once more."""
+
 _TOTAL = {0: (1.50, 0.0), -1: (1.17, 0.22), -2: (0.93, 0.36)}
 """b and c of table 7, by alpha."""
 _TOTAL_BIAS = {-1: 1 / (3 * np.log(2)), -2: 0.75}
@@ -119,12 +124,25 @@ def identify(record: Record, factors: Integer, steepest: int = -2) -> Integer:
             r, count = kernels.lag_one(record.integral, record.starts, record.stops, int(m), order)
             if count + order < FEWEST_MEANS:
                 break
-            delta = r / (1 + r)
-            if delta < 0.25 or order == -steepest // 2:
-                last = int(np.clip(np.round(-2 * (delta + order)), steepest, 2))
+            if r < _STATIONARY or order == -steepest // 2:
+                last = _power_law(r, order)
                 break
         found.append(last)
     return np.array(found, dtype=np.int64)
+
+
+def _power_law(r: float, order: int) -> int:
+    """The power law whose averages, differenced so often, have a lag-1 autocorrelation next to r."""
+    if order == 0:
+        return int(np.clip(np.round(-2 * r / (1 + r)), -1, 2))
+    weights = _alternating_binomials(2 * order + 2)
+    k = np.arange(-order - 1.0, order + 2)
+    candidates = range(2 - 2 * order, -2 * order - 1, -1)
+    covariance = [
+        (weights @ _s_w(np.abs(k), 1 - a), weights @ _s_w(np.abs(k + 1), 1 - a)) for a in candidates
+    ]
+    apart = [abs(following / power - r) for power, following in covariance]
+    return candidates[int(np.argmin(apart))]
 
 
 def degrees_of_freedom(runs: Integer, m: int, kind: Kind, alpha: int) -> float:

@@ -35,8 +35,8 @@ _FEW = 6.0
 them."""
 
 _RETURNED = 0.5
-"""Part of a step's height within which the signal is taken to be back, and never beyond two thresholds. Noise of
-a sixth of the height leads a jump there once in a thousand times, and a spike away from it as rarely."""
+"""Part of a step's height within which the signal is taken to be back, and never beyond two thresholds. Noise
+of a sixth of the height leads a jump there once in a thousand times, and a spike away from it as rarely."""
 
 _WIDE = 2.0
 """The sum of several steps has the error of their smooth rate in it as often."""

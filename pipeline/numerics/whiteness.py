@@ -6,6 +6,7 @@ for the autoregression ``e_j = phi_1 e_(j-1) + ... + phi_p e_(j-p) + w_j`` with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -103,6 +104,11 @@ class AutoRegression:
             phi, ratio = (phi[:-1] + k * phi[-2::-1]) / left, ratio / left
         return float(np.sqrt(ratio))
 
+    @property
+    def memory(self) -> int:
+        """Steps after which what is left of a disturbance is a thousandth, ``e^-7``."""
+        return math.ceil(7 / (1 - _largest_root(self.coefficients)))
+
     def whiten(self, rows: Float, observed: Mask | None = None) -> Float:
         """``y_j - sum phi_k y_(j-k)`` along axis 0, of the rows all whose p predecessors are there.
 
@@ -191,10 +197,14 @@ def _lagged(e: Float, observed: Mask, order: int, every: int) -> Float:
 
 def _stationary(phi: Float) -> Float:
     """The coefficients, their roots drawn into the unit circle: ``phi_k <- phi_k rho^k``."""
-    size = float(np.abs(np.roots([1.0, *-phi])).max())
+    size = _largest_root(phi)
     if size <= _LARGEST_ROOT:
         return phi
     return phi * (_LARGEST_ROOT / size) ** np.arange(1, len(phi) + 1)
+
+
+def _largest_root(phi: Float) -> float:
+    return float(np.abs(np.roots([1.0, *-phi])).max())
 
 
 def _runs(observed: Mask, order: int) -> Mask:

@@ -29,8 +29,8 @@ def residuals(tables: Tables) -> Section | None:
         return None
     foretold = any(fit(tables, method, run, held_out=True) for run in found)
     rest = (
-        " The shaded part was also predicted from what came before it alone; the error of that prediction is "
-        "drawn over it."
+        " Each shaded part was also predicted with parameters from the parts that are not shaded; the error "
+        "of that prediction is drawn over it."
         if foretold
         else ""
     )
@@ -70,10 +70,10 @@ def _draw(
     items: list[tuple[str, list[Drawn]]] = []
     largest = 0.0
     if foretold is not None:
-        shaded = BoxAnnotation(
-            left=float(foretold.hours[0]), fill_color=PALE, fill_alpha=0.22, level="underlay"
-        )
-        made.add_layout(shaded)
+        for first, last in _stretches(foretold):
+            made.add_layout(
+                BoxAnnotation(left=first, right=last, fill_color=PALE, fill_alpha=0.22, level="underlay")
+            )
     if model is not None:
         value = model.residual[:, axis] / ARCSEC
         used = np.where(model.outlier | model.bridged, np.nan, value)
@@ -92,6 +92,12 @@ def _draw(
             (plural(int(model.outlier.sum()), "outlier"), [_outliers(made, model, value, _BEYOND * largest)])
         )
     return items
+
+
+def _stretches(foretold: Fit) -> list[tuple[float, float]]:
+    """First and last hour of each stretch that was held out: of every arc the last part."""
+    breaks = np.flatnonzero(np.diff(foretold.hours) > foretold.gap) + 1
+    return [(float(part[0]), float(part[-1])) for part in np.split(foretold.hours, breaks)]
 
 
 def _rms(value: Floats) -> str:

@@ -27,7 +27,6 @@ Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 
 
-
 @dataclass(frozen=True, slots=True)
 class SimulatedDrift:
     """A simulated record and its truth.

@@ -78,7 +78,8 @@ def audit_earth_rate(report: StreamReport, of: GimbalRun) -> None:
             f"the angles imply an Earth rate of {implied} against {DEG_H:.3f} deg/h: check scheme, latitude "
             "and the signs of alpha1 and alpha2"
         )
-        report.say("implausible Earth rate", "warning", "; ".join([text, *words]))
+        # Where one change of the plan explains what the plan does not, the plan is wrong.
+        report.say("implausible Earth rate", "error" if words else "warning", "; ".join([text, *words]))
 
 
 def _contradicted(report: StreamReport, judged: Judgement) -> None:

@@ -9,26 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GyrostandError
+from pipeline.models.drift_exact_rows import misalignment_of, values
 from pipeline.models.drift_filter import Filtered, kalman
-from pipeline.models.drift_gauss_newton import gauss_newton_and_noise, predict_arc
+from pipeline.models.drift_gauss_newton import gauss_newton_and_noise
 from pipeline.models.drift_linear import LinearFit, cumulative
 from pipeline.models.drift_problem import Arc, Estimate, Parameter, Prior, Problem
 from pipeline.models.drift_relinearised import relinearised
 from pipeline.models.drift_rows import nominal_of
 from pipeline.models.drift_segments import segments
-from pipeline.models.drift_trajectory import Transient, linear_trajectory
-from pipeline.models.drift_transient import transient
+from pipeline.models.drift_trajectory import Transient, linear_trajectory, trajectory
+from pipeline.models.drift_transient import STARTING, transient
 from pipeline.models.earth import DEGREES_PER_HOUR, RATE
-from pipeline.models.gyro_drift import DRIFT, TILT
+from pipeline.models.gyro_drift import DRIFT, TILT, Gyro
 from pipeline.models.spiral_inversion import spiral_estimates
 from pipeline.stages._drift_settings import Method, Settings
+from pipeline.stages.base import StageError
 
 Float = NDArray[np.float64]
 
 ARCMIN, ARCSEC = float(np.deg2rad(1 / 60)), float(np.deg2rad(1 / 3600))
 
-STARTING = tuple(f"{name}_0" for name in DRIFT)
-"""The drift at the beginning of a transient, m0."""
+_MORE_THAN_NOISE = 10.0
+"""Residuals over short-term noise: noise of a correlation of 0.99 has 10, a drift that settles hundreds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +41,19 @@ class Fits:
     ----------
     linear : LinearFit
         The cumulative least squares: what it marked is no observation to any method.
-    exact : Estimate, optional
-        Of gauss_newton, where the plan has that method. The linear fit then has what it neglects from it.
+    exact : Estimate or GyrostandError, optional
+        Of gauss_newton, or why it cannot be done; None where the plan has not that method. The linear fit has
+        what it neglects from the estimate.
+    settling : Estimate, optional
+        Of transient, where the plan has that method or a filter that wants its decay.
+    settled : Problem
+        The samples with what the linear model neglects at that estimate, or as in the linear fit.
     """
 
     linear: LinearFit
-    exact: Estimate | None
+    exact: Estimate | GyrostandError | None
+    settling: Estimate | None
+    settled: Problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,17 +99,51 @@ def useful_of(settings: Settings) -> Float:
 
 
 def fitted(problem: Problem, settings: Settings) -> Fits:
-    """The linear fit, and by the plan's choice the exact one and the linear one about it."""
+    """The linear fit; by the plan's choice the exact one and a transient, and the linear one about them."""
     linear = _linear(problem, settings)
+    settling, settled = None, linear.cleaned
+    if "transient" in settings.methods or _wants_decay(settings):
+        settling, settled = _settling(linear, settings)
     if "gauss_newton" not in settings.methods:
-        return Fits(linear, None)
-    exact, _ = gauss_newton_and_noise(
-        linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
-    )
-    # Without installation errors the linear model is exact: it neglects their products with the drift alone.
-    if not (exact.figures["converged"] and settings.installation_errors):
-        return Fits(linear, exact)
-    return Fits(_linear(relinearised(problem, exact), settings), exact)
+        return Fits(linear, None, settling, settled)
+    try:
+        exact, _ = gauss_newton_and_noise(
+            linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
+        )
+    except GyrostandError as error:
+        return Fits(linear, error, settling, settled)
+    if settings.installation_errors and _describes(exact, linear.cleaned):
+        linear = _linear(relinearised(problem, exact), settings)
+    if settling is None or "decay" not in settling.figures:
+        settled = linear.cleaned
+    return Fits(linear, exact, settling, settled)
+
+
+def _settling(linear: LinearFit, settings: Settings) -> tuple[Estimate, Problem]:
+    """The transient, and the samples with what the linear model neglects at it; without one as they are."""
+
+    def of(problem: Problem, bracket: tuple[float, float] | None = None) -> Estimate:
+        return transient(
+            problem,
+            quadrature=settings.quadrature,
+            sigma=_given_sigma(settings),
+            decay=_given_decay(settings),
+            bracket=bracket,
+        )
+
+    found = of(linear.cleaned)
+    if not (settings.installation_errors and "decay" in found.figures):
+        return found, linear.cleaned
+    about = relinearised(linear.cleaned, found)
+    k = found.figures["decay"]
+    return of(about, (k / 2, 2 * k)), about
+
+
+def _describes(exact: Estimate, problem: Problem) -> bool:
+    """Whether a fit leaves little more than noise: only then does it tell what the linear model neglects."""
+    left = exact.figures["residual_sigma"]
+    noise = _short_term_sigma(problem, exact.predicted)
+    return bool(exact.figures["converged"]) and left <= _MORE_THAN_NOISE * noise
 
 
 def _linear(problem: Problem, settings: Settings) -> LinearFit:
@@ -130,7 +173,7 @@ def identify(problem: Problem, settings: Settings) -> Identified:
                 estimates += found
                 refused[method] = tuple(str(reason) for reason in reasons)
             elif method == "filter":
-                filtered = _filtered(fits.linear, settings, _decay(fits, settings, estimates))
+                filtered = _filtered(fits, settings)
                 estimates += [e for e in (filtered.estimate, filtered.smoothed) if e is not None]
             else:
                 estimates.append(one(method, fits, settings))
@@ -147,6 +190,8 @@ def one(method: Method, fits: Fits, settings: Settings) -> Estimate:
             return fit.estimate
         case "gauss_newton":
             assert fits.exact is not None, "fitted where the plan has the method"
+            if isinstance(fits.exact, GyrostandError):
+                raise fits.exact
             return fits.exact
         case "segments":
             return segments(
@@ -157,46 +202,44 @@ def one(method: Method, fits: Fits, settings: Settings) -> Estimate:
                 autoregression=fit.autoregression,
             )
         case "transient":
-            return transient(
-                fit.cleaned,
-                quadrature=settings.quadrature,
-                sigma=_given_sigma(settings),
-                decay=_given_decay(settings),
-            )
+            assert fits.settling is not None, "fitted where the plan has the method"
+            return fits.settling
         case "filter":
-            without = settings.model_copy(update={"smooth": False})
-            return _filtered(fit, without, _decay(fits, without, ())).estimate
+            return _filtered(fits, settings.model_copy(update={"smooth": False})).estimate
         case "spiral":
             return spiral_estimates(fit.cleaned, known_of(settings))[0][0]
 
 
-def _filtered(fit: LinearFit, settings: Settings, decay: float | None) -> Filtered:
+def _filtered(fits: Fits, settings: Settings) -> Filtered:
     """The filter; of coloured noise it takes the white noise of the same power at low frequencies."""
-    walks = settings.process_noise != "none"
+    walks, linear = settings.process_noise != "none", fits.linear
+    problem = fits.settled if walks else linear.cleaned
+    told = _short_term_sigma(problem, linear.estimate.predicted) if walks else white_sigma(linear)
     return kalman(
-        fit.cleaned,
-        sigma=_given_sigma(settings) or (_short_term_sigma(fit) if walks else white_sigma(fit)),
+        problem,
+        sigma=_given_sigma(settings) or told,
         quadrature=settings.quadrature,
-        nominal=np.array(fit.nominal),
+        nominal=np.array(linear.nominal),
         process_noise=settings.process_noise,
         process_sigma=settings.process_sigma,
-        decay=decay,
+        decay=_decay(fits, settings),
         smooth=settings.smooth,
         instants=settings.instants,
     )
 
 
-def _short_term_sigma(fit: LinearFit) -> float:
+def _short_term_sigma(problem: Problem, predicted: Sequence[Float]) -> float:
     """Standard deviation of an angle from second differences of the residuals, [1, -2, 1], of variance 6.
 
-    Where the drift walks, the residuals of constant parameters hold its slow course, which these do not.
+    Where the model lacks something slow, a drift that walks or settles, the residuals hold it, and these do
+    not.
     """
     squares, count = 0.0, 0
-    for arc, predicted in zip(fit.cleaned.arcs, fit.estimate.predicted, strict=True):
+    for arc, model in zip(problem.arcs, predicted, strict=True):
         told = arc.measured[2:] & arc.measured[1:-1] & arc.measured[:-2]
-        second = np.diff(arc.alpha - predicted, n=2, axis=0)[told]
+        second = np.diff(arc.alpha - model, n=2, axis=0)[told]
         squares, count = squares + float(np.sum(second**2)), count + second.size
-    return float(np.sqrt(squares / (6 * count))) if count else fit.estimate.sigma
+    return float(np.sqrt(squares / (6 * max(count, 1))))
 
 
 def white_sigma(fit: LinearFit) -> float:
@@ -211,13 +254,27 @@ def _given_decay(settings: Settings) -> float | None:
     return None if settings.transient_hours is None else 1 / (settings.transient_hours * 3600 * RATE)
 
 
-def _decay(fits: Fits, settings: Settings, estimates: Sequence[Estimate]) -> float | None:
+def _wants_decay(settings: Settings) -> bool:
+    return (
+        "filter" in settings.methods
+        and settings.process_noise == "decaying"
+        and settings.transient_hours is None
+    )
+
+
+def _decay(fits: Fits, settings: Settings) -> float | None:
     """Decay k for the filter: from the plan, else as the method transient finds it."""
-    given = _given_decay(settings)
-    if given is not None or settings.process_noise != "decaying":
-        return given
-    found = next((e for e in estimates if e.method == "transient"), None) or one("transient", fits, settings)
-    return found.figures["decay"]
+    if not _wants_decay(settings):
+        return _given_decay(settings)
+    assert fits.settling is not None, "fitted where the filter wants it"
+    if "decay" not in fits.settling.figures:
+        raise StageError(
+            "method filter",
+            expected="a transient, for process_noise = 'decaying'",
+            found="none: a constant drift explains the record as well",
+            remedy='set identify.process_noise = "none", or give transient_hours',
+        )
+    return fits.settling.figures["decay"]
 
 
 def hold_out(problem: Problem, method: Method, settings: Settings) -> tuple[Estimate, tuple[Float, ...]]:
@@ -238,9 +295,13 @@ def hold_out(problem: Problem, method: Method, settings: Settings) -> tuple[Esti
         Angles of the whole arcs by the model with that estimate [rad].
     """
     first = replace(problem, arcs=tuple(_beginning(arc, settings.hold_out) for arc in problem.arcs))
-    estimate = one(method, fitted(first, settings), settings)
+    needed = [m for m in (method, "gauss_newton") if m in settings.methods]
+    estimate = one(method, fitted(first, settings.model_copy(update={"methods": tuple(needed)})), settings)
+    # As the method's model was: exact, but for a linear one that knows nothing of what it neglects.
+    exactly = "gauss_newton" in settings.methods or method == "transient"
+    follow = _exactly if exactly and settings.installation_errors else _linearly
     predicted = tuple(
-        _continued(estimate, problem, arc, estimate.predicted[number][0])
+        follow(estimate, problem, arc, estimate.predicted[number][0])
         for number, arc in enumerate(problem.arcs)
     )
     return estimate, predicted
@@ -252,12 +313,22 @@ def _beginning(arc: Arc, share: float) -> Arc:
     return Arc(arc.run, arc.tau[kept], arc.alpha[kept], arc.measured[kept])
 
 
-def _continued(estimate: Estimate, problem: Problem, arc: Arc, start: Float) -> Float:
-    """Angles of an arc by the model that the method fits."""
+def _exactly(estimate: Estimate, problem: Problem, arc: Arc, start: Float) -> Float:
+    """Angles of an arc by the exact model."""
     base = problem.bases[arc.run]
-    if estimate.method == "gauss_newton":
-        return predict_arc(estimate, base, start, arc.tau, arc.run)
-    change = None
-    if estimate.method == "transient" and Parameter(STARTING[0]) in estimate.parameters:
-        change = Transient(estimate.of(STARTING), estimate.figures["decay"])
-    return linear_trajectory(nominal_of(estimate, arc.run), base, start, arc.tau, change)
+    standing = base.misaligned(misalignment_of(estimate, base, arc.run))
+    gyro = Gyro(values(estimate, DRIFT), values(estimate, TILT))
+    return trajectory(gyro, standing, start, arc.tau, _change(estimate))
+
+
+def _linearly(estimate: Estimate, problem: Problem, arc: Arc, start: Float) -> Float:
+    """Angles of an arc by the linear model."""
+    base = problem.bases[arc.run]
+    return linear_trajectory(nominal_of(estimate, arc.run), base, start, arc.tau, _change(estimate))
+
+
+def _change(estimate: Estimate) -> Transient | None:
+    """How the drift settles, of an estimate that knows of it."""
+    if Parameter(STARTING[0]) not in estimate.parameters:
+        return None
+    return Transient(values(estimate, STARTING), estimate.figures["decay"])

@@ -29,7 +29,7 @@ class Settings(_Settings):
     )
     primary: Method | None = Field(
         None,
-        description="method that the figures and the hold-out are of; None: gauss_newton, else the first",
+        description="method of the hold-out; None: transient where the drift settles, else gauss_newton",
     )
     installation_errors: bool = Field(
         True, description="whether the tilt of the rotor and the misalignment of the base are unknown"
@@ -70,7 +70,10 @@ class Settings(_Settings):
         1.0, gt=0, description="standard error above which an installation error is not determined, arcmin"
     )
     hold_out: float = Field(
-        0.3, ge=0, lt=0.9, description="last part of each run that is predicted from what came before it"
+        0.3,
+        ge=0,
+        lt=0.9,
+        description="last part of each uninterrupted stretch, predicted with parameters from the rest",
     )
     advice: bool = Field(True, description="whether to compute which further run would determine more")
     instants: int = Field(500, ge=2, description="instants of each run at which estimates are given")

@@ -15,11 +15,11 @@ from pipeline.models.drift_advice import Proposal
 from pipeline.models.drift_filter import Evolution
 from pipeline.models.drift_observability import expression
 from pipeline.models.drift_problem import Arc, Estimate, Mask, Parameter, Prior, Problem
+from pipeline.models.drift_transient import STARTING
 from pipeline.models.earth import DEGREES_PER_HOUR, RATE, Base
 from pipeline.models.gyro_drift import DRIFT
 from pipeline.models.spiral_inversion import INVERSIONS
 from pipeline.numerics.observability import Observability
-from pipeline.stages._drift_methods import STARTING
 from pipeline.stages.base import rows
 
 Time = NDArray[np.int64]
@@ -28,7 +28,10 @@ Float = NDArray[np.float64]
 SPIRALS = ("spiral", *INVERSIONS)
 """Methods that neglect the squares of the angles: a first guess and a picture, whatever their error says."""
 
-PURE = (*DRIFT, *STARTING, "lambda", "nu", "k")
+RATES = ("lambda", "nu", "k")
+"""Rates and frequencies of what decays or turns, in units of the Earth rate."""
+
+PURE = (*DRIFT, *STARTING, *RATES)
 """Parameters without unit; the others are angles."""
 
 
@@ -76,15 +79,19 @@ def parameter_rows(
 def _parameters(
     estimate: Estimate, states: Mapping[Parameter, str], priors: Mapping[str, Prior], useful: Float
 ) -> Iterable[dict[str, Any]]:
-    for parameter, value, error in zip(
-        estimate.parameters, estimate.value, estimate.standard_errors, strict=True
-    ):
+    # What the record tells of a constant drift is another matter than what it tells of one that settles.
+    judged = {p: s for p, s in states.items() if estimate.method != "transient" or p.name not in DRIFT}
+    # What is bound to be zero is so but for rounding.
+    free = np.array([states.get(parameter) != "given" for parameter in estimate.parameters])
+    values, errors = np.where(free, [estimate.value, estimate.standard_errors], 0.0)
+    for parameter, value, error in zip(estimate.parameters, values, errors, strict=True):
         pure = parameter.name in PURE
         drift = parameter.name in DRIFT or parameter.name in STARTING
         of_misalignment = parameter.name.startswith(("epsilon", "delta_chi"))
         prior = priors.get("epsilon" if of_misalignment else parameter.name)
-        # An error near what was known before tells nothing of the record.
-        told = bool(error <= min(useful[0 if pure else 1], np.inf if prior is None else prior.sigma / 2))
+        # An error near what was known before tells nothing of the record, nor one near the value of a k.
+        least = abs(value) / 3 if parameter.name in RATES else useful[0 if pure else 1]
+        told = bool(error <= min(least, np.inf if prior is None else prior.sigma / 2))
         yield {
             "method": estimate.method,
             "run": parameter.run,
@@ -97,7 +104,7 @@ def _parameters(
             "prior": None if prior is None else prior.sigma,
             "state": "approximate"
             if estimate.method in SPIRALS
-            else states.get(parameter, "determined" if told else "undetermined"),
+            else judged.get(parameter, "determined" if told else "undetermined"),
         }
 
 

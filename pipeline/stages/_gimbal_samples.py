@@ -19,6 +19,9 @@ Time = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 Findings = list[dict[str, Any]]
 
+_LARGEST = 1e9
+"""Angle [rad] beyond which float64 no longer tells a tenth of an arc second: no angle."""
+
 
 @dataclass(frozen=True, slots=True)
 class GimbalRun:
@@ -68,7 +71,8 @@ class Samples:
     @property
     def finite(self) -> Bool:
         """Which have two finite angles, shape (n,)."""
-        return np.asarray(np.isfinite(self.alpha).all(axis=1), dtype=np.bool_)
+        # NaN compares as false.
+        return np.asarray((np.abs(self.alpha) < _LARGEST).all(axis=1), dtype=np.bool_)
 
     def only(self, chosen: Bool | slice) -> Samples:
         """Some of them."""

@@ -2,8 +2,8 @@
 
 Gubarenko & Kuzmenko, *Mechanics of Solids* (1995), corrected. The cumulative least squares always runs: it
 tells the noise, marks the outliers, says whether the residuals are coloured, and what the record determines.
-The other methods of the plan see the same samples. At the end the last part of every run is predicted from
-what came before it.
+The other methods of the plan see the same samples. At the end the last part of every arc is predicted with
+the parameters that the rest gives.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.errors import GyrostandError
 from pipeline.models.drift_advice import Proposal, further_runs
 from pipeline.models.drift_observability import drift_observability, expression, shown
 from pipeline.models.drift_problem import Estimate, Mask, Parameter, Problem
@@ -79,12 +80,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     Returns
     -------
     dict
-        The tables of `PRODUCES`.
-
-    Raises
-    ------
-    GyrostandError
-        If the primary method cannot be done.
+        The tables of `PRODUCES`. A method that cannot be done is a finding.
     """
     priors, useful = priors_of(settings), useful_of(settings)
     problem, times = as_table.problem(tables, priors, installation=settings.installation_errors)
@@ -96,7 +92,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         further_runs(
             found.fits.linear.rows,
             found.fits.linear.cleaned,
-            found.fits.linear.estimate,
+            primary,
             sigma=white_sigma(found.fits.linear),
             interval=problem.arcs[0].step / RATE,
             useful=useful,
@@ -104,6 +100,13 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         if settings.advice
         else ()
     )
+    findings = [*_findings(found, times), *_undetermined(told, proposals, problem)]
+    residuals = _residuals(problem, times, found)
+    if settings.hold_out:
+        try:
+            residuals.append(_held_out(problem, times, found, primary, settings))
+        except GyrostandError as error:
+            findings.append(_finding("hold-out not done", "warning", str(error)))
     histories = {}
     if found.filtered is not None:
         histories["filter"] = found.filtered.history
@@ -116,33 +119,40 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         "correlation": pa.concat_tables([as_table.correlation_rows(e, states) for e in found.estimates]),
         "further_runs": as_table.proposal_rows(proposals),
         "drift_estimates": as_table.evolution_rows(histories, times),
-        "residuals": _residuals(problem, times, found, primary, settings),
-        "findings": rows("findings", [*_findings(found, times), *_undetermined(told, proposals, problem)]),
-        "metrics": rows("metrics", list(_metrics(found, told.states))),
+        "residuals": pa.concat_tables(residuals),
+        "findings": rows("findings", findings),
+        "metrics": rows("metrics", list(_metrics(found, primary, told.states))),
     }
 
 
 def _primary(found: Identified, settings: Settings) -> Estimate:
     """The estimate that the combinations and the hold-out are of."""
-    wanted = settings.primary or "gauss_newton"
+    wanted = settings.primary or ("transient" if _settles(found) else "gauss_newton")
     return next((e for e in found.estimates if e.method == wanted), found.fits.linear.estimate)
 
 
-def _residuals(
-    problem: Problem, times: Sequence[Time], found: Identified, primary: Estimate, settings: Settings
-) -> pa.Table:
-    """Residuals of every method that predicts the angles, and the hold-out of the primary one."""
+def _settles(found: Identified) -> bool:
+    """Whether there is a transient: then no method of constant drift holds."""
+    return found.fits.settling is not None and "decay" in found.fits.settling.figures
+
+
+def _residuals(problem: Problem, times: Sequence[Time], found: Identified) -> list[pa.Table]:
+    """Residuals of every method that predicts the angles."""
     outliers = found.fits.linear.outliers
-    parts = [
+    return [
         as_table.residual_rows(e.method, problem, times, e.predicted, outliers)
         for e in found.estimates
         if e.method not in INVERSIONS
     ]
-    if settings.hold_out:
-        _, predicted = hold_out(found.fits.linear.cleaned, _method(primary), settings)
-        held = [_last(len(time), settings.hold_out) for time in times]
-        parts.append(as_table.residual_rows(primary.method, problem, times, predicted, outliers, held))
-    return pa.concat_tables(parts)
+
+
+def _held_out(
+    problem: Problem, times: Sequence[Time], found: Identified, primary: Estimate, settings: Settings
+) -> pa.Table:
+    """Residuals of the last part of every arc, predicted from what came before."""
+    _, predicted = hold_out(found.fits.linear.cleaned, _method(primary), settings)
+    held = [_last(len(time), settings.hold_out) for time in times]
+    return as_table.residual_rows(primary.method, problem, times, predicted, found.fits.linear.outliers, held)
 
 
 def _method(estimate: Estimate) -> Method:
@@ -175,9 +185,16 @@ def _findings(found: Identified, times: Sequence[Time]) -> Iterator[dict[str, An
             f"the residuals are not white (probability {found.fits.linear.whiteness:.2g}): allowed for by an "
             f"autoregression of order {len(noise.coefficients)}",
         )
+    if found.fits.settling is not None and _settles(found):
+        figures = found.fits.settling.figures
+        hours = 1 / (figures["decay"] * RATE * 3600)
+        error = hours * figures["decay_standard_error"] / figures["decay"]
+        detail = f"the drift settles, to 1/e in {hours:.3g} ± {error:.1g} h: a constant one does not hold"
+        yield _finding("transient", "warning", detail)
     for method, reasons in found.refused.items():
         for reason in reasons:
-            yield _finding("method not done", "warning", f"{method}: {reason}")
+            named = reason if reason.startswith("method ") else f"{method}: {reason}"
+            yield _finding("method not done", "warning", named)
     for estimate in found.estimates:
         for note in estimate.notes:
             yield _finding("note", "warning", f"{estimate.method}: {note}")
@@ -218,13 +235,13 @@ def _finding(
     return finding("identify", "gimbal", kind, severity, detail, start=start, end=end, count=count)
 
 
-def _metrics(found: Identified, states: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _metrics(found: Identified, primary: Estimate, states: Sequence[str]) -> Iterator[dict[str, Any]]:
     fit = found.fits.linear
 
     def figure(channel: str, name: str, value: float, unit: str = "1") -> dict[str, Any]:
         return metric("identify", channel, name, value, unit)
 
-    yield figure("gimbal", "noise_level", fit.estimate.sigma / ARCSEC, "arcsec")
+    yield figure("gimbal", "noise_level", primary.sigma / ARCSEC, "arcsec")
     yield figure("gimbal", "whiteness", fit.whiteness)
     yield figure("gimbal", "outlier_count", sum(int(marked.sum()) for marked in fit.outliers))
     yield figure("gimbal", "condition", fit.estimate.figures["condition"])

@@ -53,7 +53,7 @@ _SAME = 1e-2
 """Part of the nominal interval by which one that is asked for may differ and mean it: 0.033 s for 30 Hz."""
 
 _FINEST_NOISE = np.radians(0.1 / 3600)
-"""No record is taken for quieter than 0.1 arcsec: one without noise is simulated, and never too short."""
+"""No record is taken for quieter than 0.1 arcsec: a simulated one without noise would never be too short."""
 
 _EVEN = 0.05
 """Part of the noise that a sample may be wrong by for not being moved to the grid: it adds 0.1 % to it."""
@@ -236,7 +236,7 @@ def _refuse_unit(usable: Samples, of: GimbalRun) -> bool:
         return judged is not None and not judged.doubtful
     stated = "radians" if judged.cause == "degrees" else "degrees"
     raise StageError(
-        f"run {of.name!r}, key channels.alpha1.unit of the test plan",
+        f"run {of.name!r}, key streams.gimbal.channels.alpha1.unit",
         expected=f"angles that imply the Earth rate, {DEG_H:.3f} deg/h",
         found=f"{judged.declared} as declared, but {judged.otherwise} if the numbers are {judged.cause} "
         f"where {stated} are stated",

@@ -1,7 +1,8 @@
 """Score of the procedure `drift`: its parameters, residuals and hold-out as figures that a plan can limit.
 
 Drift is given in deg/h, angles in arcmin, residuals in arcsec, as the field reads them. The channel is the
-method, with ``.run0`` behind it for what is one run's own.
+method. Of the misalignments of several runs the largest is given. What the record does not determine at all
+has no value, which no limit accepts.
 """
 
 from __future__ import annotations
@@ -59,12 +60,19 @@ def _residuals(residuals: pa.Table) -> Iterator[dict[str, Any]]:
 
 
 def _parameters(parameters: pa.Table) -> Iterator[dict[str, Any]]:
+    largest: dict[tuple[str, str], dict[str, Any]] = {}
     for row in parameters.to_pylist():
-        channel = row["method"] if row["run"] is None else f"{row['method']}.run{row['run']}"
-        name = row["parameter"]
-        if name in DRIFT:
+        if row["parameter"] not in METRICS or row["value"] is None or row["state"] == "given":
+            continue
+        place = row["method"], row["parameter"]
+        if place not in largest or abs(row["value"]) > abs(largest[place]["value"]):
+            largest[place] = row
+    for (method, name), row in largest.items():
+        if row["state"] == "undetermined":
+            yield metric("score_drift", method, name, None, "deg/h" if name in DRIFT else "arcmin")
+        elif name in DRIFT:
             error = row["drift_standard_error"]
-            yield metric("score_drift", channel, name, row["drift"], "deg/h", error)
-        elif name in METRICS and row["value"] is not None:
+            yield metric("score_drift", method, name, row["drift"], "deg/h", error)
+        else:
             value, error = row["value"] * _ARCMIN, row["standard_error"] * _ARCMIN
-            yield metric("score_drift", channel, name, value, "arcmin", error)
+            yield metric("score_drift", method, name, value, "arcmin", error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -30,6 +31,9 @@ _NO_TABLE = re.compile(
     r"acc|torque|current|volt|error|status|valid|time|stamp|cmd|command|temp|covariance", re.IGNORECASE
 )
 _TABLE_RATE = re.compile(r"rate|vel|speed", re.IGNORECASE)
+_NUMBER = re.compile(r"\d+")
+_MOST_AXES = 3
+"""Encoders of a kind that a gimbal may have; more are an arm."""
 _LAST_NUMBER = re.compile(r"(?<!\d)[01](?!\d)(?=\D*$)")
 _OUTER = re.compile(r"outer", re.IGNORECASE)
 _X = re.compile(r"(?:^|(?<=[._\s]))x$", re.IGNORECASE)
@@ -118,13 +122,15 @@ def _tables(topic: Topic, taken: Container[str]) -> Iterator[Candidate]:
 
 
 def _gimbal_pairs(topic: Topic) -> Iterator[tuple[Field, Field]]:
-    """Fields that look like the outer and the inner angle of a gimbal."""
+    """Fields that look like the outer and the inner angle of a gimbal: the first of few of a kind."""
     fields = {bare(f.path).casefold(): f for f in topic.fields}
+    alike = Counter(_NUMBER.sub("#", path) for path in fields)
     taken: set[str] = set()
     for path, outer in fields.items():
         inner = fields.get(_inner(path, topic) or "")
         if (
             inner is None
+            or alike[_NUMBER.sub("#", path)] > _MOST_AXES
             or {outer.path, inner.path} & taken
             or not (_may_be_angle(outer) and _may_be_angle(inner))
         ):

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from pipeline.models.drift_regression import Quadrature, integrals
+from pipeline.models.drift_regression import Quadrature, integrals, jacobian, transitions
 from pipeline.models.earth import Base, Scheme, mounting_angles, rotation_vector_from_increments
-from pipeline.models.gyro_drift import Gyro, exact_rates, linear_model
+from pipeline.models.gyro_drift import PARAMETERS, Gyro, exact_rates, linear_model
 from pipeline.numerics.least_squares import Solution, solve
 
 Float = NDArray[np.float64]
@@ -145,3 +145,60 @@ def test_cumulative_least_squares_knows_its_error() -> None:
         scores.append((solution.estimate[2:8] - M) / solution.standard_errors[2:8])
     spread = np.std(scores, axis=0)
     assert np.all((spread > 0.9) & (spread < 1.1)), spread  # the issue's band: two sigma of 200 seeds
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_jacobian_is_the_derivative_of_the_rates(scheme: Scheme) -> None:
+    """By complex step, which loses no digits; parameters of 0.1, and a row a sample of them."""
+    rng = np.random.default_rng(1)
+    base, alpha = Base.mounted(scheme, LATITUDE), rng.uniform(-1, 1, (50, 2))
+    p = 0.1 * rng.standard_normal((50, len(PARAMETERS)))
+    J = jacobian(alpha, base, p)
+    for k in range(2):
+        c, F = linear_model(alpha + 1e-30j * np.eye(2)[k], base)
+        derivative = (c + np.einsum("ijk,ik->ij", F, p)).imag / 1e-30
+        np.testing.assert_allclose(J[:, :, k], derivative, rtol=0, atol=1e-14)  # values up to 5
+    np.testing.assert_array_equal(jacobian(alpha[:1], base, p[0]), J[:1])
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_transitions_carry_a_deviation_along(scheme: Scheme) -> None:
+    """The product of a day's transitions, against trajectories from neighbouring starts."""
+    tau, base = times(5), Base.mounted(scheme, LATITUDE)
+    p = np.concatenate([M, [10 * ARCMIN] * 2, np.cross(base.u, misalignment(scheme))])
+
+    def rates(_: float, alpha: Float) -> Float:
+        c, F = linear_model(alpha[np.newaxis], base)
+        return (c + F @ p)[0]
+
+    def run(start: Float) -> Float:
+        return solve_ivp(rates, (0, DAY), start, "DOP853", t_eval=tau, rtol=1e-12, atol=1e-13).y.T
+
+    start = np.array(START[scheme])
+    alpha, step = run(start), 1e-5
+    ends = [(run(start + d)[-1] - run(start - d)[-1]) / (2 * step) for d in step * np.eye(2)]
+    grown = np.eye(2)
+    for phi in transitions(tau, alpha, base, p):
+        grown = phi @ grown
+    # of second order: (h J)^3 / 12 and the like, 300 times
+    np.testing.assert_allclose(grown, np.transpose(ends), atol=1e-3 * np.abs(ends).max())
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 9, 10])
+@pytest.mark.parametrize("quadrature", ["trapezoid", "simpson", "cubic_spline", "quintic_spline"])
+def test_every_count_of_samples_is_integrated(quadrature: Quadrature, count: int) -> None:
+    """The rule keeps its order on any count that allows it; c and F are no polynomials, so to an error."""
+    base, step = Base.mounted("polar", LATITUDE), 0.01
+    fine = np.linspace(0, step * (count - 1), 100 * (count - 1) + 1)
+    path = np.stack([0.6 - fine, 0.5 + 0.3 * fine], axis=1)
+    alpha, tau = path[::100], fine[::100]
+    exact = integrals(fine, path, base, "quintic_spline", errors=True)
+    rows = integrals(tau, alpha, base, quadrature, errors=True)
+    orders = {"trapezoid": 2, "simpson": 3, "cubic_spline": 4, "quintic_spline": 6}
+    order = min(orders[quadrature], count)
+    # a local error of order h^(order + 1); functions of unit size and rate
+    bound = 3 * step ** (order + 1) + 1e-15
+    assert len(rows.c) == count - 1
+    found, expected = rows.F, exact.F.reshape(count - 1, 100, 2, -1).sum(axis=1)
+    assert np.abs(found - expected).max() < bound
+    assert np.abs(rows.c - exact.c.reshape(count - 1, 100, 2).sum(axis=1)).max() < bound

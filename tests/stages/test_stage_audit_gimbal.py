@@ -129,10 +129,10 @@ class TestMounting:
     def test_a_wrong_sign_is_named(self, signs: tuple[int, int], words: str) -> None:
         time, alpha = gr.record("vertical", 24, 60.0, start=(0.5, -0.5))
         findings, figures = audited([(time, alpha * np.array(signs))], ["vertical"])
-        assert [(f["kind"], f["severity"]) for f in findings] == [("implausible Earth rate", "warning")]
+        assert [(f["kind"], f["severity"]) for f in findings] == [("implausible Earth rate", "error")]
         assert "check scheme, latitude and the signs" in findings[0]["detail"]
         assert words in findings[0]["detail"]
-        assert figures["gimbal", "error_count"] == 0
+        assert figures["gimbal", "error_count"] == 1
 
     @pytest.mark.parametrize("truth", SCHEMES)
     @pytest.mark.parametrize("stated", SCHEMES)

@@ -190,10 +190,30 @@ def test_a_transient_is_told_by_its_regression_and_the_decaying_filter() -> None
     for k, name in enumerate(DRIFT):
         assert abs(told.loc[name, "value"] - GYRO.m[k]) < 4 * told.loc[name, "standard_error"]
         assert abs(told.loc[f"{name}_0", "value"] - m0[k]) < 4 * told.loc[f"{name}_0", "standard_error"]
-    # MATH 2.7: with 0.1 arcsec the filter reaches 2e-6 to 1.3e-5 deg/h at this e-fold; one seed may twice that
+    # MATH 2.7: with 0.1 arcsec the filter reaches 2e-6 to 1.3e-5 deg/h here; one seed may twice that
     last = parameters(out, "filter").loc[list(DRIFT)]
     assert (last["drift"] - GYRO.m * EARTH_RATE).abs().max() < 3e-5
     assert figure(out, "transient_time") == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_transient_with_installation_errors_is_told_within_its_errors() -> None:
+    """What the linear model neglects of a drift of 0.05 is many standard errors: the exact one has it."""
+    settings = {
+        "methods": ("gauss_newton", "transient", "filter"),
+        "process_noise": "decaying",
+        "advice": False,
+    }
+    record = tables([HORIZONTAL], transient=Transient(np.full(6, 0.05), 1 / (3600 * RATE)))
+    out = identify.run(record, identify.Settings(**settings), Stand())
+    for method in ("transient", "filter"):
+        found = parameters(out, method).loc[[*DRIFT, *TILT]]
+        truth = np.array([TRUTH[name] for name in found.index])
+        assert (((found["value"] - truth) / found["standard_error"]).abs() < 4).all()
+    assert figure(out, "noise_level") == pytest.approx(1.0, abs=4 * 0.013)
+    kinds = out["findings"]["kind"].to_pylist()
+    assert "transient" in kinds
+    held = out["residuals"].to_pandas().query("state == 'held out'")
+    assert set(held["method"]) == {"transient"}
 
 
 def test_a_method_that_cannot_be_done_is_said() -> None:

@@ -217,7 +217,7 @@ class TestUnit:
         for degrees in (np.degrees(alpha), np.degrees(alpha) % 360):
             error = refusal([(time, degrees)], [scheme])
             assert error.exit_code is ExitCode.USAGE
-            assert "key channels.alpha1.unit" in str(error)
+            assert "key streams.gimbal.channels.alpha1.unit" in str(error)
             assert "15.041 deg/h" in str(error)
             assert "numbers are degrees where radians are stated" in str(error)
 
@@ -326,3 +326,37 @@ class TestGrid:
         error = refusal([gr.record("polar", 6, 60.0)], ["polar"], interval=1.0)
         assert error.exit_code is ExitCode.USAGE
         assert "resample.interval" in str(error)
+
+
+class TestOddRecords:
+    """Whatever comes, one line or a table; a warning of NumPy would be an error here."""
+
+    @pytest.mark.parametrize("count", [0, 1, 5, 20, 500])
+    @pytest.mark.parametrize("stamps", ["even", "one", "backward", "nanoseconds"])
+    @pytest.mark.parametrize("jumps", ["refuse", "split"])
+    def test_is_refused_or_resampled(self, count: int, stamps: str, jumps: str) -> None:
+        rng = np.random.default_rng(0)
+        even = np.arange(count) * 10**9
+        time = {
+            "even": even,
+            "one": 0 * even,
+            "backward": even[::-1].copy(),
+            "nanoseconds": np.arange(count),
+        }[stamps]
+        noise = rng.normal(size=(count, 2))
+        flags = rng.random((count, 2)) < 0.1
+        for alpha in (
+            np.zeros((count, 2)),
+            np.full((count, 2), np.pi / 2),
+            noise,
+            1e300 * noise,
+            1e-300 * noise,
+            0.01 * np.cumsum(noise, axis=0),
+            np.where(flags, np.inf, 0.2),
+        ):
+            try:
+                trajectory, _, _ = resampled([(time, alpha)], ["vertical"], jumps=jumps)
+            except StageError as error:
+                assert error.exit_code in (ExitCode.NOT_MET, ExitCode.USAGE, ExitCode.INPUT)  # noqa: PT017
+            else:
+                assert np.isfinite(angles(trajectory)).all()
