@@ -32,6 +32,12 @@ PICTURES = {
         "drift_in_time": "//section[h2='Estimates in time']",
     },
     "equatorial_one": {"drift_told": "//section[h2='What the record can tell']"},
+    "static": {
+        "static_allan": "//section[h2='Allan deviation']",
+        "static_spectrum": "//section[h2='Spectrum']",
+        "static_rotation": "//section[h2='What rotation does']",
+        "static_growth": "//section[h2='Growth of the angle error']",
+    },
 }
 """By recording and name of the picture, where on the page it is."""
 

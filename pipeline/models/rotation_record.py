@@ -1,4 +1,4 @@
-"""The random error of a gyro on a turning table, held against what its model predicts for the integrated error.
+"""The random error of a gyro on a turning table, held against what its model predicts of the integral.
 
 Integrated along the axes of the room over whole turns the error is ``U = sum step x exp(i theta)``, theta the
 table's angle. Over m windows of the length T::

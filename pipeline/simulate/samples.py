@@ -266,7 +266,7 @@ SAMPLES: Mapping[str, Sample] = MappingProxyType(
                     Limit("longest_gap", "gyro_increments", 63.0, None, "s"),
                 ),
             ),
-            seed=5,
+            seed=10,
         ),
     }
 )

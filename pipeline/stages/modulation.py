@@ -105,20 +105,20 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
 
 def _findings(channel: str, model: RandomError, advice: Advice, hours: float) -> Iterator[dict[str, Any]]:
     severity: Literal["info", "warning"] = "info" if advice.rate is not None else "warning"
-    yield finding("modulation", "gyro", "recommended rate", severity, advice.reason, channel=channel)
+    yield finding("modulation", "modulation", "recommended rate", severity, advice.reason, channel=channel)
     for band in worse_bands(model):
         detail = (
             f"the error grows faster than without rotation at rates from {np.degrees(band.low):.3g} to "
             f"{np.degrees(band.high):.3g} deg/s"
         )
-        yield finding("modulation", "gyro", "worse with rotation", "warning", detail, channel=channel)
+        yield finding("modulation", "modulation", "worse with rotation", "warning", detail, channel=channel)
     longest = max((1 / noise.mu for noise in model.coloured), default=0.0) / 3600
     if longest > hours:
         detail = (
-            f"the colour's time constant, {longest:.3g} h, is longer than the {hours:g} h of integration: until "
-            "then the variance grows up to twice as fast as the growth coefficient says"
+            f"the colour's time constant, {longest:.3g} h, is longer than the {hours:g} h of integration: "
+            "until then the variance grows up to twice as fast as the growth coefficient says"
         )
-        yield finding("modulation", "gyro", "slow colour", "warning", detail, channel=channel)
+        yield finding("modulation", "modulation", "slow colour", "warning", detail, channel=channel)
 
 
 def _metrics(channel: str, chosen: Candidate, advice: Advice) -> Iterator[dict[str, Any]]:

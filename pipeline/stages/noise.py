@@ -2,14 +2,14 @@
 
 The Allan family and the noise coefficients that it shows, and the stationary random error that the
 periodogram shows (debiased Whittle likelihood, chosen by BIC): two looks at the same samples, side by side. A
-gap stays a gap for both. Motion is found, and refused unless the test plan says what to do about it. Where the
-record was made on a turning table its angle's harmonics are taken out, and the chosen model is held against
-the error that is integrated along the axes of the room.
+gap stays a gap for both. Motion is found, and refused unless the test plan says what to do about it. Where
+the record was made on a turning table harmonics of its angle are taken out, and the chosen model is held
+against the error that is integrated along the axes of the room.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Literal, Self
 
@@ -19,17 +19,18 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.errors import ExitCode
-from pipeline.models.random_error_fit import Candidate, Identified, fit_form
-from pipeline.models.rotation_record import HARMONICS, demodulate, without_harmonics
+from pipeline.models.random_error_fit import Identified, fit_form
+from pipeline.models.rotation_record import Demodulation, demodulate, without_harmonics
 from pipeline.numerics import allan, whittle
-from pipeline.numerics.noise_coefficients import NoiseCoefficients, fit_coefficients, in_datasheet_units
+from pipeline.numerics.noise_coefficients import NoiseCoefficients, fit_coefficients
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages import _noise_findings as about
 from pipeline.stages import _noise_tables as as_table
-from pipeline.stages._noise_motion import Motion, motions
-from pipeline.stages._noise_record import Channel, Record, record_of, usual_share, with_part
+from pipeline.stages._noise_motion import motions
+from pipeline.stages._noise_record import Channel, Record, record_of, with_part
 from pipeline.stages._static_turntable import turned
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.base import StageError, Stand, Tables, counted, finding, metric, rows
+from pipeline.stages.base import StageError, Stand, Tables, metric, rows
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "turntable")
@@ -53,17 +54,6 @@ METRICS: tuple[str, ...] = (
 
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-_TAKEN_OUT = f"the table turns: a constant and harmonics 1 to {HARMONICS} of its angle are taken out"
-
-_UNEVEN = 0.1
-"""Jitter of the stamps, in intervals, that is worth a word: the samples are taken for even."""
-_COARSE = 0.5
-"""Share of one value from which on the resolution rules the noise."""
-_FEWEST_TURNS = 3.0
-"""Periods of a slow colour in the record from which on it is a line."""
-_UNLIKELY = 1e-3
-"""Probability of a periodogram below which the chosen model does not describe it."""
 
 
 class Settings(_Settings):
@@ -123,15 +113,15 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         If the record holds no noise to identify, is too short for the averaging time asked for, or moves.
     """
     record = record_of(tables, settings.max_gap)
-    marked = list(_about_stamps(record))
+    marked = list(about.stamps(record))
     table = turned(tables, record)
     if table is not None:
         record = _without_table(record, *table)
-        marked.append(_finding(record.stream, None, "turning table", "info", _TAKEN_OUT))
+        marked.append(about.table(record.stream))
     moved = [motion for channel in record.channels for motion in motions(channel)]
     if moved and settings.motion == "refuse":
-        raise _moves(record, moved)
-    marked += [_moved(record, motion, settings.motion) for motion in moved]
+        raise about.moves(record, moved)
+    marked += [about.moved(record, motion, settings.motion) for motion in moved]
     if moved and settings.motion == "cut":
         kept = np.ones(len(record.channels[0].rate), dtype=np.bool_)
         for motion in moved:
@@ -142,7 +132,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     for channel in record.channels:
         found, made = _of_channel(record, channel, settings)
         if table is not None:
-            made["metrics"] += _demodulated(record, channel, table[0], found.chosen)
+            test = demodulate(found.chosen.model, channel.rate, table[0], record.step, channel.present)
+            made["metrics"] += _demodulated(channel.name, test)
+            made["findings"] += about.demodulation(record.stream, channel.name, test)
         for name, items in made.items():
             tables_of[name] += items
     tables_of["metrics"].append(metric("noise", record.stream, "motion_count", len(moved), "1"))
@@ -159,16 +151,12 @@ def _without_table(record: Record, angle: Float, known: Mask) -> Record:
     return replace(kept, channels=channels)
 
 
-def _demodulated(
-    record: Record, channel: Channel, angle: Float, chosen: Candidate
-) -> Iterator[dict[str, Any]]:
-    """The integrated error over whole turns against its prediction; null where the table turns unevenly."""
-    test = demodulate(chosen.model, channel.rate, angle, record.step, channel.present)
-    ratio, error, probability = (
-        (None,) * 3 if test is None else (test.ratio, test.ratio_error, test.probability)
-    )
-    yield metric("noise", channel.name, "demodulated_ratio", ratio, "1", error)
-    yield metric("noise", channel.name, "demodulated_probability", probability, "1")
+def _demodulated(channel: str, test: Demodulation | None) -> Iterator[dict[str, Any]]:
+    """The integrated error over whole turns against its prediction."""
+    ratio, error = (None, None) if test is None else (test.ratio, test.ratio_error)
+    yield metric("noise", channel, "demodulated_ratio", ratio, "1", error)
+    probability = None if test is None else test.probability
+    yield metric("noise", channel, "demodulated_probability", probability, "1")
 
 
 def _of_channel(
@@ -199,8 +187,8 @@ def _of_channel(
         "noise_information": list(as_table.information_rows(channel.name, found)),
         "spectrum": list(as_table.spectrum_rows(channel.name, periodogram, record.step, found.chosen)),
         "findings": [
-            *_about_coefficients(record.stream, channel.name, told),
-            *_about_model(record.stream, channel.name, found, model, len(channel.rate) * record.step),
+            *about.coefficients(record.stream, channel.name, told),
+            *about.model(record.stream, channel.name, found, model, len(channel.rate) * record.step),
         ],
         "metrics": [
             figure("whiteness", found.chosen.whiteness, "1"),
@@ -267,118 +255,3 @@ def _below(seconds: float) -> str:
     """Four digits, not rounded up: what is said to be possible is."""
     size = 10.0 ** (np.floor(np.log10(seconds)) - 3)
     return f"{np.floor(seconds / size * (1 + 1e-12)) * size:.4g}"
-
-
-def _about_stamps(record: Record) -> Iterator[dict[str, Any]]:
-    """Gaps, uneven stamps, coarse channels."""
-    points = len(record.channels[0].rate)
-    for channel in record.channels:
-        missing = points - int(np.count_nonzero(channel.present))
-        if missing:
-            detail = f"{missing} of {points} points have no sample: left out, not interpolated"
-            yield _finding(record.stream, channel.name, "gap", "info", detail, count=missing)
-        same = usual_share(channel.rate[channel.present])
-        if same > _COARSE:
-            detail = f"{same:.0%} of the samples have one value: the resolution hides noise at short times"
-            yield _finding(record.stream, channel.name, "coarse", "warning", detail)
-    jitter = record.regular.jitter / record.regular.nominal
-    if jitter > _UNEVEN:
-        detail = (
-            f"stamps scatter by {jitter:.2g} of their interval; samples taken for {record.step:.6g} s apart"
-        )
-        yield _finding(record.stream, None, "uneven stamps", "info", detail)
-
-
-def _moves(record: Record, moved: Sequence[Motion]) -> StageError:
-    largest = max(moved, key=lambda motion: motion.size)
-    others = f", and {counted(len(moved) - 1, 'other motion')}" if len(moved) > 1 else ""
-    return StageError(
-        f"stage noise, {record.stream}, channel {largest.channel}",
-        expected="a gyro at rest",
-        found=f"motion of {_deg_s(largest.size)} from {largest.start * record.step:.1f} s to "
-        f"{largest.stop * record.step:.1f} s after the record's start{others}",
-        remedy="set noise.motion = 'cut' to leave it out, or 'keep' if it is the sensor's own",
-    )
-
-
-def _moved(record: Record, motion: Motion, action: str) -> dict[str, Any]:
-    did = "left out in every channel" if action == "cut" else "kept"
-    count = motion.stop - motion.start
-    return _finding(
-        record.stream,
-        motion.channel,
-        "motion",
-        "warning",
-        f"motion of {_deg_s(motion.size)} over {count * record.step:.4g} s: {did}",
-        start=record.at(motion.start),
-        end=record.at(motion.stop - 1),
-        count=count,
-    )
-
-
-def _deg_s(rate: float) -> str:
-    return f"{np.degrees(rate):.2g} deg/s"
-
-
-def _about_coefficients(
-    stream: str, channel: str, found: NoiseCoefficients | str
-) -> Iterator[dict[str, Any]]:
-    """What the record does not show, and how large it may be at most."""
-    if isinstance(found, str):
-        yield _finding(stream, channel, "no coefficients", "warning", found)
-        return
-    bounds = [
-        f"{one.name} (below {value:.2g} {unit})"
-        for one in found.coefficients
-        if one.value is None
-        for value, unit in [in_datasheet_units(one.name, one.upper)]
-    ]
-    if bounds:
-        detail = f"the Allan variance does not show {', '.join(bounds)}"
-        yield _finding(stream, channel, "not significant", "info", detail, count=len(bounds))
-
-
-def _about_model(
-    stream: str, channel: str, found: Identified, told: NoiseCoefficients | None, duration: float
-) -> Iterator[dict[str, Any]]:
-    """Why the chosen model is not to be trusted, where it is not."""
-    best, name = found.chosen, as_table.CANDIDATES[found.chosen.form]
-    if best.slow:
-        detail = f"{name}: {_slow(best, duration, told)}; sigma and mu are not to be trusted"
-        yield _finding(stream, channel, "slow colour", "warning", detail)
-    if best.whiteness < _UNLIKELY:
-        detail = f"{name} does not describe the periodogram (probability {best.whiteness:.2g})"
-        yield _finding(stream, channel, "model does not fit", "warning", detail)
-    if not best.converged:
-        detail = f"{name}: the likelihood's maximum was not reached"
-        yield _finding(stream, channel, "not converged", "warning", detail)
-
-
-def _slow(best: Candidate, duration: float, told: NoiseCoefficients | None) -> str:
-    """What a colour with few time constants in the record is."""
-    few = "fewer than 20 time constants in the record, which"
-    turns = best.parameters.get("lambda", 0.0) * duration / (2 * np.pi)
-    if turns > _FEWEST_TURNS:
-        return f"{few} cannot tell this colour from a line at {turns / duration:.4g} Hz"
-    K = None if told is None else next(one for one in told.coefficients if one.name == "K")
-    instead = ""
-    if K is not None and K.value is not None:
-        value, unit = in_datasheet_units("K", K.value)
-        instead = f", whose K is {value:.3g} {unit} by the Allan variance"
-    return f"{few} cannot tell this colour from a rate random walk{instead}"
-
-
-def _finding(
-    stream: str,
-    channel: str | None,
-    kind: str,
-    severity: Literal["info", "warning"],
-    detail: str,
-    *,
-    start: int | None = None,
-    end: int | None = None,
-    count: int = 1,
-) -> dict[str, Any]:
-    return finding(
-        "noise", stream, kind, severity, detail, channel=channel, start=start, end=end, count=count
-    )

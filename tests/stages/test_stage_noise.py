@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 from static_records import COLOURED, DEG, PERIODIC, WALKING, WHITE, N, record
 
+from pipeline import contracts
 from pipeline.errors import ExitCode
 from pipeline.models.random_error import Noise2, RandomError
 from pipeline.models.random_error_growth import allan_variance
@@ -316,3 +317,64 @@ def test_nothing_to_read_is_a_fault_of_the_plan() -> None:
     with pytest.raises(StageError, match="map a gyro") as caught:
         identified({})
     assert caught.value.exit_code == ExitCode.USAGE
+
+
+def turntable(time: np.ndarray, quantity: str, values: np.ndarray) -> pa.Table:
+    columns: dict[str, Any] = {"time": time}
+    for name in ("header_stamp", "log_time", "publish_time"):
+        columns[name] = pa.nulls(len(time), pa.int64())
+    for name in ("angle", "rate"):
+        columns[name] = values if name == quantity else pa.nulls(len(time), pa.float64())
+    return contracts.table("turntable", columns)
+
+
+@pytest.mark.parametrize("quantity", ["angle", "rate"])
+def test_on_a_turning_table_the_model_is_held_against_the_integral(quantity: str) -> None:
+    n, rate = 14_400, 3 * DEG
+    t = np.arange(n, dtype=np.float64)
+    earth = 5e-5 * np.cos(rate * t + 0.3)
+    tables = record({"p": COLOURED, "q": WHITE}, seed=5, added={"p": earth, "q": earth})
+    at = t[::3]
+    shown = rate * at if quantity == "angle" else np.full(len(at), rate)
+    tables["turntable"] = turntable((at * 1e9).astype(np.int64), quantity, shown)
+    out = identified(tables)
+    assert set(chosen(out, "p")["candidate"]) == {"white + noise 1"}
+    assert set(chosen(out, "q")["candidate"]) == {"white"}
+    assert len(findings(out, "turning table")) == 1
+    metrics = out["metrics"].to_pandas().set_index(["channel", "name"])
+    for channel in "pq":
+        row = metrics.loc[(channel, "demodulated_ratio")]
+        # 24 windows less the one that the table's last samples do not fill: a standard error of 0.21
+        assert abs(row["value"] - 1) < 3.3 * row["standard_error"]
+        assert 0.2 < row["standard_error"] < 0.22
+        assert metrics.loc[(channel, "demodulated_probability"), "value"] > 1e-3
+
+
+def test_a_table_that_does_not_turn_evenly_gives_no_test() -> None:
+    tables = record({"p": WHITE})
+    t = np.arange(14_400.0)
+    tables["turntable"] = turntable((t * 1e9).astype(np.int64), "angle", 3 * DEG * t * (1 + t / 14_400))
+    out = identified(tables)
+    assert len(findings(out, "no demodulation test")) == 1
+    metrics = out["metrics"].to_pandas().set_index("name")
+    assert np.isnan(metrics.loc["demodulated_ratio", "value"])
+
+
+def test_an_error_of_the_table_that_the_model_lacks_is_found() -> None:
+    t = np.arange(14_400.0)
+    # slow at rest, so that the spectrum about 3 deg/s is a hundredth of its ordinates
+    wandering = 1.5e-5 * np.cos(3 * DEG * t + 3 * np.sin(t / 2000))
+    tables = record({"p": WHITE}, added={"p": wandering})
+    tables["turntable"] = turntable((t * 1e9).astype(np.int64), "angle", 3 * DEG * t)
+    out = identified(tables, candidates=("white",))
+    assert len(findings(out, "prediction fails")) == 1
+
+
+def test_a_table_at_rest_changes_nothing() -> None:
+    tables = record({"p": WHITE})
+    time = tables["gyro"].column("time").to_numpy()
+    plain = identified(tables)
+    tables["turntable"] = turntable(time, "angle", np.full(len(time), 0.3))
+    out = identified(tables)
+    for name, table in plain.items():
+        assert out[name].equals(table), name
