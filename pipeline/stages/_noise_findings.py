@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from scipy.stats import chi2
 
 from pipeline.models.random_error_fit import Candidate, Identified
 from pipeline.models.rotation_record import HARMONICS, Demodulation
@@ -96,6 +97,27 @@ def coefficients(stream: str, channel: str, found: NoiseCoefficients | str) -> F
     if bounds:
         detail = f"the Allan variance does not show {', '.join(bounds)}"
         yield _finding(stream, channel, "not significant", "info", detail, count=len(bounds))
+    probability, tau = _fit_of_coefficients(found)
+    if probability < _UNLIKELY:
+        detail = (
+            f"no sum of Q, N, B, K and R has this Allan variance (probability {probability:.2g}, at "
+            f"{tau:.3g} s): the coefficients describe the short times; see the noise model"
+        )
+        yield _finding(stream, channel, "coefficients do not fit", "warning", detail)
+
+
+def _fit_of_coefficients(found: NoiseCoefficients) -> tuple[float, float]:
+    """Probability of the worst Allan variance under the fitted coefficients, and its averaging time [s].
+
+    A variance of nu degrees of freedom is chi-square over nu; its standard error under the fit tells nu. Both
+    tails count, and that it is the worst of all.
+    """
+    model = found.model(found.tau)
+    nu = 2 * (model / found.standard_error) ** 2
+    ratio = nu * found.variance / model
+    tail = 2 * np.minimum(chi2.cdf(ratio, nu), chi2.sf(ratio, nu))
+    worst = int(np.argmin(tail))
+    return float(min(tail[worst] * len(tail), 1.0)), float(found.tau[worst])
 
 
 def model(

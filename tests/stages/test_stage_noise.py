@@ -238,6 +238,15 @@ def test_a_random_walk_is_told_by_its_allan_variance() -> None:
     assert "a rate random walk, whose K is" in said["detail"].iloc[0]
 
 
+def test_coefficients_that_cannot_have_the_curve_are_said_not_to_fit() -> None:
+    """White noise and a random walk are sums of the coefficients; noise 1 bends down again, noise 2 has a hump."""
+    said = findings(three(), "coefficients do not fit")
+    assert sorted(said["channel"]) == ["q", "r"]
+    for seed in range(10):  # one false alarm in a thousand records
+        out = identified(record({"p": WALKING}, seed=seed), candidates=("white",), estimators=("allan",))
+        assert findings(out, "coefficients do not fit").empty
+
+
 def test_a_line_is_said_to_be_one() -> None:
     line = 0.001 * np.sin(2 * np.pi * 0.2 * np.arange(14_400.0))
     said = findings(identified(record({"p": WHITE}, added={"p": line})), "slow colour")
