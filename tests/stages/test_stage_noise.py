@@ -239,7 +239,7 @@ def test_a_random_walk_is_told_by_its_allan_variance() -> None:
 
 
 def test_coefficients_that_cannot_have_the_curve_are_said_not_to_fit() -> None:
-    """White noise and a random walk are sums of the coefficients; noise 1 bends down again, noise 2 has a hump."""
+    """White noise and a walk are sums of the coefficients; noise 1 bends down again, noise 2 has a hump."""
     said = findings(three(), "coefficients do not fit")
     assert sorted(said["channel"]) == ["q", "r"]
     for seed in range(10):  # one false alarm in a thousand records
