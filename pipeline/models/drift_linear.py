@@ -6,8 +6,8 @@ three to fourteen times better than the differences over segments of Gubarenko &
 In turn:
 
 1. plain sums give nominal parameters, and with them the rows of `drift_regression.transitions`;
-2. samples far from the running median of their residual are marked and their angles replaced by the
-   predicted ones, for a wrong angle corrupts the integrals too; until the marks stay the same;
+2. samples far from the running median of their residual are marked and their angles brought back to it,
+   for a wrong angle corrupts the integrals too; until the marks stay the same;
 3. residuals that are not white are whitened by an autoregression, fitted in turn with the parameters
    (Cochrane & Orcutt, *J. Am. Stat. Assoc.* 44 (1949) 32-61).
 """
@@ -73,7 +73,7 @@ class LinearFit:
     outliers : tuple of ndarray of bool, one an arc
         Measured samples that were marked.
     cleaned : Problem
-        The problem with them as samples that are not measured, their angles replaced by the predicted ones.
+        The problem with them as samples that are not measured, their angles as those around them tell.
     autoregression : AutoRegression, optional
         By which the rows were whitened; None where they are white.
     nominal : tuple of ndarray, each of shape (11,)
@@ -158,8 +158,8 @@ def _marked(
         passes += 1
         if not robust:
             return _Marking(now, outliers, nominal, rows, fit, passes, settled=True)
-        found = _outliers(problem, fit, sigma)
-        cleaned = _replaced(problem, found, fit)
+        found, deviations = _outliers(problem, fit, sigma)
+        cleaned = _replaced(problem, found, deviations)
         moved = max(
             float(np.abs(a.alpha - b.alpha).max()) for a, b in zip(cleaned.arcs, now.arcs, strict=True)
         )
@@ -174,15 +174,17 @@ def _marked(
         now, outliers = cleaned, found
 
 
-def _outliers(problem: Problem, fit: Fit, sigma: float | None) -> tuple[Mask, ...]:
-    """Measured samples far from the running median of the residual, either angle, by a common scale."""
+def _outliers(problem: Problem, fit: Fit, sigma: float | None) -> tuple[tuple[Mask, ...], tuple[Float, ...]]:
+    """Measured samples far from the running median of the residual, either angle, by a common scale.
+
+    And how far each sample is.
+    """
     left = residuals(problem, fit.predicted)
-    deviations = [np.column_stack([_deviation(channel) for channel in r.T]) for r in left]
+    deviations = tuple(np.column_stack([_deviation(channel) for channel in r.T]) for r in left)
     kept = [arc.measured for arc in problem.arcs]
     scale = max(_scale(deviations, kept), _SMOOTH * _scale(left, kept), sigma or 0.0)
-    return tuple(
-        m & (np.abs(d) > _OUTLYING * scale).any(axis=1) for d, m in zip(deviations, kept, strict=True)
-    )
+    marks = (m & (np.abs(d) > _OUTLYING * scale).any(axis=1) for d, m in zip(deviations, kept, strict=True))
+    return tuple(marks), deviations
 
 
 def _deviation(residual: Float) -> Float:
@@ -220,16 +222,19 @@ def _scale(arcs: Sequence[Float], kept: Sequence[Mask]) -> float:
     return float(np.quantile(np.abs(together), part)) / deviations
 
 
-def _replaced(problem: Problem, outliers: Sequence[Mask], fit: Fit) -> Problem:
-    """The problem as it was given, its outliers replaced by the predicted angles."""
+def _replaced(problem: Problem, outliers: Sequence[Mask], deviations: Sequence[Float]) -> Problem:
+    """The problem as it was given, its outliers brought back to the samples around them.
 
-    def clean(arc: Arc, marked: Mask, predicted: Float) -> Arc:
+    Not to the model: where it does not hold they would stand out anew, and spoil the integrals.
+    """
+
+    def clean(arc: Arc, marked: Mask, deviation: Float) -> Arc:
         if not marked.any():
             return arc
-        alpha = np.where(marked[:, np.newaxis], predicted, arc.alpha)
+        alpha = arc.alpha - np.where(marked[:, np.newaxis], deviation, 0.0)
         return replace(arc, alpha=alpha, measured=arc.measured & ~marked)
 
-    arcs = zip(problem.arcs, outliers, fit.predicted, strict=True)
+    arcs = zip(problem.arcs, outliers, deviations, strict=True)
     return replace(problem, arcs=tuple(clean(*arc) for arc in arcs))
 
 

@@ -9,7 +9,7 @@ Gauss-Newton, whose column for k also gives all parameters their share of its un
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.stats import f as f_distribution
 
+from pipeline.models.drift_noise import BELOW, COLOURED, whitened, whiteness
 from pipeline.models.drift_problem import Arc, Estimate, Problem
 from pipeline.models.drift_regression import Integrals, Quadrature, weighted_integrals
 from pipeline.models.drift_rows import (
+    ArcRows,
     Columns,
     Fit,
     arc_integrals,
@@ -30,6 +32,7 @@ from pipeline.models.drift_rows import (
     fit_rows,
     nominal_of,
     nominal_parameters,
+    residuals,
 )
 from pipeline.models.gyro_drift import DRIFT
 from pipeline.numerics.whiteness import AutoRegression
@@ -56,6 +59,7 @@ _STEADY = 0.01
 _CONVERGED = 1e-3
 """Last step of k over its standard error."""
 _MOST_STEPS = 20
+_MOST_ROUNDS = 10
 
 
 def transient(
@@ -66,6 +70,7 @@ def transient(
     decay: float | None = None,
     bracket: tuple[float, float] | None = None,
     autoregression: AutoRegression | None = None,
+    coloured: bool = False,
 ) -> Estimate:
     """Cumulative least squares for a drift that decays from m0 to m*.
 
@@ -82,6 +87,9 @@ def transient(
         Where; by default from a fifth of the inverse of the longest run to what the samples resolve.
     autoregression : AutoRegression, optional
         Of the noise of the angles; by default it is white.
+    coloured : bool
+        Whether residuals of this fit that are not white are allowed for, where no autoregression is given.
+        Slow noise passes for a transient where it is taken for white.
 
     Returns
     -------
@@ -91,32 +99,32 @@ def transient(
         Where a constant drift explains the record as well, that is the estimate, without m0, k and ``decay``,
         and a note says so.
     """
-    white = sigma if sigma is None or autoregression is None else sigma / autoregression.spread
-    record = _Record.of(problem, quadrature, white, autoregression)
-    if decay is not None:
-        found = record.refined(decay, None)
-        return _estimate(record, found, (), {"decay_standard_error": 0.0})
-    thinned, bounds = _thinned(problem, bracket)
-    scanned = _Record.of(thinned, quadrature, white, autoregression)
-    k = _searched(scanned, bounds)
-    probability = record.probability_of_steadiness(k)
-    if probability > _STEADY:
-        note = (
-            "no transient: a constant drift explains the record as well "
-            f"(probability {probability:.2g}), and the decay is undetermined"
+
+    def told(noise: AutoRegression | None) -> _Told:
+        white = sigma if sigma is None or noise is None else sigma / noise.spread
+        return _told(problem, quadrature, white, decay, bracket, noise)
+
+    found, measured = told(autoregression), [arc.measured for arc in problem.arcs]
+    loud = found.fitted.fit.residual_sigma > BELOW * (sigma or 0.0)
+    if coloured and autoregression is None and loud and whiteness(found.residuals, measured) < COLOURED:
+        found, _ = whitened(
+            found,
+            measured,
+            residuals=lambda of: of.residuals,
+            taken=lambda of: of.taken,
+            refitted=lambda _, noise: told(noise),
+            most_rounds=_MOST_ROUNDS,
         )
-        return _estimate(record, None, (note,), {})
-    found = record.refined(k, bounds)
-    error = float(found.fit.solution.standard_errors[found.columns.names.index(DECAY)])
-    return _estimate(record, found, _remarks(found.decay, error, bounds), {"decay_standard_error": error})
+    return _estimate(found)
 
 
 @dataclass(frozen=True, slots=True)
-class _Transient:
-    """A fit with a decay, and its columns: with one of the decay itself where it was searched."""
+class _Fitted:
+    """A fit with a decay, or of a constant drift; one column is of the decay where it was searched."""
 
-    decay: float
+    decay: float | None
     columns: Columns
+    rows: tuple[ArcRows, ...]
     fit: Fit
 
 
@@ -139,55 +147,54 @@ class _Record:
         nominal = nominal_parameters(problem, columns_of(problem), plain)
         return cls(problem, quadrature, sigma, noise, plain, nominal)
 
-    def steady(self, *, priors: bool) -> Fit:
+    def steady(self, *, priors: bool) -> _Fitted:
         """The fit of a constant drift."""
         columns = _with(columns_of(self.problem), priors)
-        return self._fit(columns, self.plain, [self.nominal[arc.run] for arc in self.problem.arcs])
+        return self._fit(None, columns, self.plain, [self.nominal[arc.run] for arc in self.problem.arcs])
 
-    def decaying(self, k: float, *, priors: bool) -> _Transient:
+    def decaying(self, k: float, *, priors: bool) -> _Fitted:
         """The fit of a drift with a given decay."""
         columns = _with(columns_of(self.problem, (*DRIFT, *STARTING)), priors)
         steps = [self._steps(number, k, None) for number in range(len(self.plain))]
-        fit = self._fit(columns, steps, [self.nominal[arc.run] for arc in self.problem.arcs])
-        return _Transient(k, columns, fit)
+        return self._fit(k, columns, steps, [self.nominal[arc.run] for arc in self.problem.arcs])
 
-    def refined(self, k: float, bounds: tuple[float, float] | None) -> _Transient:
+    def refined(self, k: float, bounds: tuple[float, float] | None) -> _Fitted:
         """The fit about parameters as they change in time; k itself by Gauss-Newton within bounds."""
         found = self.decaying(k, priors=True)
         searched = () if bounds is None else (DECAY,)
         columns = columns_of(self.problem, (*DRIFT, *STARTING, *searched))
         for _ in range(_MOST_STEPS):
             excess = found.fit.solution.estimate[6:12] - found.fit.solution.estimate[:6]
-            steps = [
-                self._steps(i, found.decay, excess if searched else None) for i in range(len(self.plain))
-            ]
-            fit = self._fit(columns, steps, self._changing(found, excess))
-            k = found.decay
-            if bounds is not None:
-                # the step of k, at most to half or double, within the bracket
-                step, error = fit.solution.estimate[12], fit.solution.standard_errors[12]
-                k = float(np.clip(found.decay + step, *np.clip((k / 2, 2 * k), *bounds)))
-            small = bounds is None or abs(k - found.decay) <= _CONVERGED * error
-            found = _Transient(k, columns, fit)
-            if small:
+            steps = [self._steps(i, k, excess if searched else None) for i in range(len(self.plain))]
+            found = self._fit(k, columns, steps, self._changing(found, k, excess))
+            if bounds is None:
+                break
+            # the step of k, at most to half or double, within the bracket
+            step, error = found.fit.solution.estimate[12], found.fit.solution.standard_errors[12]
+            before, k = k, float(np.clip(k + step, *np.clip((k / 2, 2 * k), *bounds)))
+            found = replace(found, decay=k)
+            if abs(k - before) <= _CONVERGED * error:
                 break
         return found
 
     def probability_of_steadiness(self, k: float) -> float:
         """Probability that white noise alone lets the transient explain as much (F test, without priors)."""
-        steady, decaying = self.steady(priors=False), self.decaying(k, priors=False).fit
+        steady, decaying = self.steady(priors=False).fit, self.decaying(k, priors=False).fit
         left = decaying.residual_sigma**2
         explained = steady.residual_sigma**2 * steady.freedom - left * decaying.freedom
         more = len(STARTING) + 1
         variance = max(left, (self.sigma or 0.0) ** 2, np.finfo(np.float64).tiny)
         return float(f_distribution.sf(explained / more / variance, more, decaying.freedom))
 
-    def _fit(self, columns: Columns, steps: Sequence[Integrals], nominal: Sequence[Float]) -> Fit:
-        rows = [
+    def _fit(
+        self, k: float | None, columns: Columns, steps: Sequence[Integrals], nominal: Sequence[Float]
+    ) -> _Fitted:
+        rows = tuple(
             cumulative_rows(arc, s, arc_transitions(arc, self.problem, p))
             for arc, s, p in zip(self.problem.arcs, steps, nominal, strict=True)
-        ]
-        return fit_rows(self.problem, columns, rows, noise=self.noise, sigma=self.sigma)
+        )
+        fit = fit_rows(self.problem, columns, rows, noise=self.noise, sigma=self.sigma)
+        return _Fitted(k, columns, rows, fit)
 
     def _steps(self, number: int, k: float, excess: Float | None) -> Integrals:
         """Integrals of ``F (1 - e), F e`` with e = e^(-k tau), and of ``d/dk = -tau F e (m0 - m*)``."""
@@ -200,15 +207,64 @@ class _Record:
         F = np.concatenate([settled - W[..., 0], W[..., 0], *of_k, rest], axis=2)
         return Integrals((), plain.c, F)
 
-    def _changing(self, found: _Transient, excess: Float) -> list[Float]:
+    def _changing(self, found: _Fitted, k: float, excess: Float) -> list[Float]:
         """Nominal parameters at each sample of each arc, each of shape (n, 11)."""
         estimate = as_estimate("transient", found.columns, found.fit.solution, (), 0.0, {})
         changing = []
         for arc in self.problem.arcs:
             p = np.tile(nominal_of(estimate, arc.run), (len(arc.tau), 1))
-            p[:, : len(DRIFT)] += np.exp(-found.decay * arc.tau)[:, np.newaxis] * excess
+            p[:, : len(DRIFT)] += np.exp(-k * arc.tau)[:, np.newaxis] * excess
             changing.append(p)
         return changing
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What a record tells, if its noise is what it is taken for: a transient, or a constant drift."""
+
+    record: _Record
+    fitted: _Fitted
+    notes: tuple[str, ...]
+    figures: Mapping[str, float]
+
+    @property
+    def residuals(self) -> list[Float]:
+        """Of each arc."""
+        return residuals(self.record.problem, self.fitted.fit.predicted)
+
+    @property
+    def taken(self) -> tuple[Float, ...]:
+        """What the fit took out of the noise, as `fit_autoregression` wants it."""
+        return self.fitted.fit.spread(self.record.problem, self.fitted.columns, self.fitted.rows)
+
+
+def _told(
+    problem: Problem,
+    quadrature: Quadrature,
+    sigma: float | None,
+    decay: float | None,
+    bracket: tuple[float, float] | None,
+    noise: AutoRegression | None,
+) -> _Told:
+    """Search for a transient; sigma is that of a whitened row."""
+    record = _Record.of(problem, quadrature, sigma, noise)
+    if decay is not None:
+        return _Told(record, record.refined(decay, None), (), {"decay_standard_error": 0.0})
+    thinned, bounds = _thinned(problem, bracket)
+    # The autoregression is one of neighbours; what is thinned has others.
+    whole = all(len(a.tau) == len(b.tau) for a, b in zip(thinned.arcs, problem.arcs, strict=True))
+    k = _searched(_Record.of(thinned, quadrature, sigma, noise if whole else None), bounds)
+    probability = record.probability_of_steadiness(k)
+    if probability > _STEADY:
+        note = (
+            "no transient: a constant drift explains the record as well "
+            f"(probability {probability:.2g}), and the decay is undetermined"
+        )
+        return _Told(record, record.steady(priors=True), (note,), {})
+    found = record.refined(k, bounds)
+    error = float(found.fit.solution.standard_errors[found.columns.names.index(DECAY)])
+    notes = _remarks(found.decay or k, error, bounds)
+    return _Told(record, found, notes, {"decay_standard_error": error})
 
 
 def _with(columns: Columns, priors: bool) -> Columns:
@@ -257,19 +313,15 @@ def _remarks(k: float, error: float, bounds: tuple[float, float]) -> tuple[str, 
     return tuple(notes)
 
 
-def _estimate(
-    record: _Record, found: _Transient | None, notes: Sequence[str], figures: dict[str, float]
-) -> Estimate:
+def _estimate(told: _Told) -> Estimate:
     """The estimate of a transient, or of a constant drift where there is none."""
-    fit = record.steady(priors=True) if found is None else found.fit
-    columns = columns_of(record.problem) if found is None else found.columns
-    solution = fit.solution
-    if found is not None:
-        figures = {"decay": found.decay, **figures}
-        if DECAY in columns.names:  # the column is that of its last step
+    record, found = told.record, told.fitted
+    solution, figures = found.fit.solution, dict(told.figures)
+    if found.decay is not None:
+        figures["decay"] = found.decay
+        if DECAY in found.columns.names:  # the column is that of its last step
             value = solution.estimate.copy()
-            value[columns.names.index(DECAY)] = found.decay
+            value[found.columns.names.index(DECAY)] = found.decay
             solution = replace(solution, estimate=value)
-    spread = 1.0 if record.noise is None else record.noise.spread
-    sigma = solution.sigma * spread
-    return as_estimate("transient", columns, solution, fit.predicted, sigma, figures, notes)
+    sigma = solution.sigma * (1.0 if record.noise is None else record.noise.spread)
+    return as_estimate("transient", found.columns, solution, found.fit.predicted, sigma, figures, told.notes)

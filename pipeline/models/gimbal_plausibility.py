@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.models.earth import RATE, Base
+from pipeline.models.earth import DEGREES_PER_HOUR, Base
 from pipeline.models.gyro_drift import DRIFT, PARAMETERS, linear_model
 from pipeline.numerics.least_squares import Solution, solve
 from pipeline.numerics.local_polynomial import LocalPolynomial
@@ -30,9 +30,6 @@ from pipeline.numerics.steps import without_large_spikes
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Cause = Literal["degrees", "radians"]
-
-DEG_H = float(np.rad2deg(RATE) * 3600)
-"""The Earth rate [deg/h]: what a number in units of it is multiplied by."""
 
 FACTORS: dict[Cause, float] = {"degrees": np.pi / 180, "radians": 180 / np.pi}
 """What turns declared radians into true ones, if the numbers are degrees that the plan calls radians, or
@@ -113,7 +110,7 @@ class Implied:
     @property
     def deg_h(self) -> float:
         """The Earth rate implied [deg/h]."""
-        return self.scale * DEG_H
+        return self.scale * DEGREES_PER_HOUR
 
     def __str__(self) -> str:
         """In the words of a finding."""

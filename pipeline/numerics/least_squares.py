@@ -18,10 +18,6 @@ from pipeline.numerics import _kernels_least_squares as _kernels
 
 Float = NDArray[np.float64]
 
-_BLOCK = 512
-"""Rows factorised at a time: they stay in the processor's cache, and below the size from which a threaded
-LAPACK sets all cores to work, which costs ten times what it gains."""
-
 _BLOCK = 256
 """Rows factorised at a time: they stay in the processor's cache."""
 

@@ -66,8 +66,11 @@ class Combination(Generic[Name]):
 
     def evaluate(self, names: Sequence[Name], value: Float, covariance: Float) -> tuple[float, float]:
         """Value and standard error from an estimate of the parameters and its covariance."""
-        weights = np.array([self.terms.get(name, 0.0) for name in names])
-        return float(weights @ value), float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
+        # Of the terms alone: the variance of others may be infinite.
+        used = [k for k, name in enumerate(names) if name in self.terms]
+        weights = np.array([self.terms[names[k]] for k in used])
+        variance = float(weights @ covariance[np.ix_(used, used)] @ weights)
+        return float(weights @ value[used]), max(variance, 0.0) ** 0.5
 
     def read(self, label: Callable[[Name], str] = str) -> str:
         """In words, such as ``mc1 - theta1 + 0.83 epsilon2``."""
@@ -191,10 +194,13 @@ def standard_deviations(rows: Float, useful: Float, *, extent: Float, basis: Flo
 
 
 def correlation(covariance: Float) -> Float:
-    """Correlation matrix of a covariance, shape (k, k); 0 beside a column without variance."""
+    """Correlation matrix of a covariance, shape (k, k); 0 beside one of no or infinite variance."""
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    finite = np.isfinite(errors)
+    covariance = np.where(np.outer(finite, finite), covariance, 0.0)
     scale = np.where(errors > 0, errors, np.inf)
-    return np.asarray(np.clip(covariance / np.outer(scale, scale), -1.0, 1.0), dtype=np.float64)
+    # One after the other: the product of two errors of a record without noise may be too small for a float.
+    return np.asarray(np.clip(covariance / scale / scale[:, np.newaxis], -1.0, 1.0), dtype=np.float64)
 
 
 def _spectrum(rows: Float) -> tuple[Float, Float]:

@@ -11,15 +11,15 @@ from typing import cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.models.earth import Base, Scheme, mounting_angles
+from pipeline.models.earth import DEGREES_PER_HOUR, Base, Scheme, mounting_angles
 from pipeline.models.gimbal_plausibility import (
-    DEG_H,
     Implied,
     Judgement,
     implied_earth_rate,
     judge,
     unwrapped,
 )
+from pipeline.models.gyro_drift import linear_model
 from pipeline.numerics.time_grid import advancing
 from pipeline.stages._audit_rows import Row, StreamReport
 from pipeline.stages._gimbal_samples import GimbalRun, Samples
@@ -46,6 +46,12 @@ _OF_ALL_RUNS: Mapping[str, Callable[[Sequence[float]], float]] = {
 _WORTH_EXPLAINING, _BETTER = 0.05, 5.0
 """Misfit from which on another mounting is tried, and how many times smaller its own must be."""
 
+_HOPELESS = 0.5
+"""Misfit of angles that contradict the plan from which on they are no gyro's, explained or not."""
+
+_TURNED = np.radians(1.0)
+"""Angle by which the Earth must turn an axis over a record for a resting one to be an error [rad]."""
+
 _AS_GOOD = 3.0
 """Times the least misfit up to which another explanation is named too."""
 
@@ -57,11 +63,12 @@ def audit_earth_rate(report: StreamReport, of: GimbalRun) -> None:
     samples = samples.only(advancing(samples.time).kept)
     if not len(samples.time):
         return
+    _say_at_rest(report, samples, of)
     judged = judge(samples.tau, samples.alpha, of.base)
     if judged is None:
         return
     implied = judged.declared
-    error = implied.standard_error * DEG_H
+    error = implied.standard_error * DEGREES_PER_HOUR
     report.figure("implied_earth_rate", implied.deg_h, "deg/h", standard_error=error)
     if judged.cause is not None:
         _contradicted(report, judged)
@@ -75,11 +82,25 @@ def audit_earth_rate(report: StreamReport, of: GimbalRun) -> None:
     if judged.doubtful or any(_BETTER * found.misfit < implied.misfit for _, found in explained):
         words = [f"{change}: {found}" for change, found in explained]
         text = (
-            f"the angles imply an Earth rate of {implied} against {DEG_H:.3f} deg/h: check scheme, latitude "
-            "and the signs of alpha1 and alpha2"
+            f"the angles imply an Earth rate of {implied} against {DEGREES_PER_HOUR:.3f} deg/h: check "
+            "scheme, latitude and the signs of alpha1 and alpha2"
         )
         # Where one change of the plan explains what the plan does not, the plan is wrong.
-        report.say("implausible Earth rate", "error" if words else "warning", "; ".join([text, *words]))
+        wrong = bool(words) or implied.misfit > _HOPELESS
+        report.say("implausible Earth rate", "error" if wrong else "warning", "; ".join([text, *words]))
+
+
+def _say_at_rest(report: StreamReport, samples: Samples, of: GimbalRun) -> None:
+    """An angle that rests bit for bit where the Earth turns it: the encoder, or the servo, is dead."""
+    earth, _ = linear_model(samples.alpha, of.base)
+    turned = np.trapezoid(np.abs(earth), samples.tau, axis=0)
+    for index, name in enumerate(("alpha1", "alpha2")):
+        if np.ptp(samples.alpha[:, index]) == 0 and turned[index] > _TURNED:
+            text = (
+                f"{np.degrees(samples.alpha[0, index]):.6g} deg throughout, where the Earth turns it by "
+                f"{np.degrees(turned[index]):.3g} deg: the encoder is dead, or the gimbal does not follow"
+            )
+            report.say("constant", "error", text, channel=name)
 
 
 def _contradicted(report: StreamReport, judged: Judgement) -> None:
@@ -87,7 +108,7 @@ def _contradicted(report: StreamReport, judged: Judgement) -> None:
     report.say(
         "implausible unit",
         "error",
-        f"the angles imply an Earth rate of {judged.declared} against {DEG_H:.3f} deg/h; "
+        f"the angles imply an Earth rate of {judged.declared} against {DEGREES_PER_HOUR:.3f} deg/h; "
         f"{judged.otherwise} if they are {judged.cause} where {stated} are stated",
     )
 
@@ -128,7 +149,7 @@ def _together(rows: Sequence[Row]) -> Row:
         return valued[0] if valued else rows[0]
     name = rows[0]["name"]
     if name == "implied_earth_rate":
-        return max(valued, key=lambda row: abs(row["value"] - DEG_H))
+        return max(valued, key=lambda row: abs(row["value"] - DEGREES_PER_HOUR))
     value = _OF_ALL_RUNS.get(name, sum)([row["value"] for row in valued])
     error = next((row["standard_error"] for row in valued if row["value"] == value), None)
     return {**valued[0], "value": value, "standard_error": error}

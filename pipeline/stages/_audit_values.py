@@ -152,6 +152,9 @@ def _mark_stuck(
     masks = {}
     for name, values in channels.items():
         index = np.flatnonzero(finite[name])
+        if not len(index):
+            masks[name] = np.zeros(len(values), dtype=np.bool_)
+            continue
         found = _in_record(stuck_runs(np.unwrap(values[index]), minimum), index)
         _mark_hold(report, "frozen", found, name, "though it turns before and after")
         masks[name] = _mask(found, len(report.time))

@@ -99,51 +99,75 @@ def useful_of(settings: Settings) -> Float:
 
 
 def fitted(problem: Problem, settings: Settings) -> Fits:
-    """The linear fit; by the plan's choice the exact one and a transient, and the linear one about them."""
+    """The linear fit; by the plan's choice the exact one and a transient, and the linear one about them.
+
+    Raises
+    ------
+    StageError
+        If no sample was measured.
+    """
+    if not any(arc.measured.any() for arc in problem.arcs):
+        raise StageError(
+            "stage identify",
+            expected="measured angles",
+            found="none: all were bridged",
+            remedy="lower resample.max_gap or identify.hold_out, or record anew",
+        )
     linear = _linear(problem, settings)
+    exact = _exact(linear, settings) if "gauss_newton" in settings.methods else None
+    described = isinstance(exact, Estimate) and _describes(exact, linear.cleaned)
+    if isinstance(exact, Estimate) and described and settings.installation_errors:
+        linear = _linear(relinearised(problem, exact), settings)
     settling, settled = None, linear.cleaned
     if "transient" in settings.methods or _wants_decay(settings):
-        settling, settled = _settling(linear, settings)
-    if "gauss_newton" not in settings.methods:
-        return Fits(linear, None, settling, settled)
-    try:
-        exact, _ = gauss_newton_and_noise(
-            linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
-        )
-    except GyrostandError as error:
-        return Fits(linear, error, settling, settled)
-    if settings.installation_errors and _describes(exact, linear.cleaned):
-        linear = _linear(relinearised(problem, exact), settings)
-    if settling is None or "decay" not in settling.figures:
-        settled = linear.cleaned
+        known = described or not settings.installation_errors
+        settling, settled = _settling(linear.cleaned, settings, linearise=not known)
     return Fits(linear, exact, settling, settled)
 
 
-def _settling(linear: LinearFit, settings: Settings) -> tuple[Estimate, Problem]:
-    """The transient, and the samples with what the linear model neglects at it; without one as they are."""
+def _exact(linear: LinearFit, settings: Settings) -> Estimate | GyrostandError:
+    try:
+        return gauss_newton_and_noise(
+            linear.cleaned, linear.estimate, sigma=_given_sigma(settings), coloured=settings.coloured
+        )[0]
+    except GyrostandError as error:
+        return error
 
-    def of(problem: Problem, bracket: tuple[float, float] | None = None) -> Estimate:
+
+def _settling(problem: Problem, settings: Settings, *, linearise: bool) -> tuple[Estimate, Problem]:
+    """The transient; where asked for, with what the linear model neglects at a first estimate of it."""
+
+    def of(problem: Problem, bracket: tuple[float, float] | None = None, *, coloured: bool) -> Estimate:
         return transient(
             problem,
             quadrature=settings.quadrature,
             sigma=_given_sigma(settings),
             decay=_given_decay(settings),
             bracket=bracket,
+            coloured=coloured,
         )
 
-    found = of(linear.cleaned)
-    if not (settings.installation_errors and "decay" in found.figures):
-        return found, linear.cleaned
-    about = relinearised(linear.cleaned, found)
-    k = found.figures["decay"]
-    return of(about, (k / 2, 2 * k)), about
+    if not linearise:
+        return of(problem, coloured=settings.coloured), problem
+    # What the linear model neglects looks like coloured noise: no account of that before it is known.
+    found, about = of(problem, coloured=False), problem
+    for coloured in (False, settings.coloured):
+        if "decay" not in found.figures:
+            return found, problem
+        k = found.figures["decay"]
+        about = relinearised(problem, found)
+        found = of(about, (k / 2, 2 * k), coloured=coloured)
+    return found, about if "decay" in found.figures else problem
 
 
 def _describes(exact: Estimate, problem: Problem) -> bool:
     """Whether a fit leaves little more than noise: only then does it tell what the linear model neglects."""
-    left = exact.figures["residual_sigma"]
+    left = np.concatenate(
+        [(a.alpha - model)[a.measured] for a, model in zip(problem.arcs, exact.predicted, strict=True)]
+    )
     noise = _short_term_sigma(problem, exact.predicted)
-    return bool(exact.figures["converged"]) and left <= _MORE_THAN_NOISE * noise
+    within = float(np.sqrt(np.mean(left**2))) <= _MORE_THAN_NOISE * noise
+    return bool(exact.figures["converged"]) and within
 
 
 def _linear(problem: Problem, settings: Settings) -> LinearFit:

@@ -85,6 +85,11 @@ class Settings(_Settings):
             refuse(
                 [Fault(("primary",), expected, repr(self.primary), "add it to methods, or choose another")]
             )
+        if self.primary == "spiral":
+            expected = "a method that foretells the angles from all drift parameters"
+            refuse(
+                [Fault(("primary",), expected, "'spiral', a first guess", "choose another, or leave it out")]
+            )
         if (
             self.process_noise == "decaying"
             and self.transient_hours is None

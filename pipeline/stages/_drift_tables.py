@@ -19,7 +19,7 @@ from pipeline.models.drift_transient import STARTING
 from pipeline.models.earth import DEGREES_PER_HOUR, RATE, Base
 from pipeline.models.gyro_drift import DRIFT
 from pipeline.models.spiral_inversion import INVERSIONS
-from pipeline.numerics.observability import Observability
+from pipeline.numerics.observability import Observability, correlation
 from pipeline.stages.base import rows
 
 Time = NDArray[np.int64]
@@ -185,9 +185,7 @@ def _finite(value: float) -> float | None:
 def correlation_rows(estimate: Estimate, states: Mapping[Parameter, str]) -> pa.Table:
     """The table `correlation` of one estimate: each pair once, but for what is bound to be zero."""
     free = [k for k, p in enumerate(estimate.parameters) if states.get(p) != "given"]
-    errors = estimate.standard_errors
-    scale = np.where(errors > 0, errors, np.inf)
-    correlation = np.clip(estimate.covariance / np.outer(scale, scale), -1.0, 1.0)
+    coefficients = correlation(estimate.covariance)
     return rows(
         "correlation",
         [
@@ -197,7 +195,7 @@ def correlation_rows(estimate: Estimate, states: Mapping[Parameter, str]) -> pa.
                 "parameter_a": a.name,
                 "run_b": b.run,
                 "parameter_b": b.name,
-                "correlation": correlation[i, j],
+                "correlation": coefficients[i, j],
             }
             for i, j in combinations(free, 2)
             for a, b in [(estimate.parameters[i], estimate.parameters[j])]

@@ -14,7 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.models.gimbal_plausibility import DEG_H, unexplained_steps
+from pipeline.models.earth import DEGREES_PER_HOUR
+from pipeline.models.gimbal_plausibility import unexplained_steps
 from pipeline.numerics.local_polynomial import LocalPolynomial
 from pipeline.numerics.sample_faults import resolution
 from pipeline.numerics.sampling import runs
@@ -273,15 +274,16 @@ def _refuse_or_say_lost(
 ) -> None:
     if not judged.lost.any():
         return
+    allowed, rate = (f"{each * DEGREES_PER_HOUR:.4g} deg/h" for each in (limits.max_rate, judged.rate))
     if not limits.split:
         raise _servo_lost(
             of,
             int(part.time[int(np.argmax(judged.lost))]),
-            f"a platform that turns by less than {limits.max_rate * DEG_H:.4g} deg/h against the stars",
-            f"{judged.rate * DEG_H:.4g} deg/h: the servo was lost",
+            f"a platform that turns by less than {allowed} against the stars",
+            f"{rate}: the servo was lost, or the time is in another unit than the test plan states",
         )
     text = (
-        f"the platform turns by up to {judged.rate * DEG_H:.4g} deg/h against the stars, the servo was lost: "
+        f"the platform turns by up to {rate} against the stars, the servo was lost: "
         f"{counted(int(judged.lost.sum()), 'sample')} left out, and the run split"
     )
     findings.append(said(of, "servo lost", "warning", text, part.time[judged.lost]))

@@ -62,6 +62,9 @@ METRICS = (
 )
 
 
+_BEYOND_DOUBT = 1 / 3
+"""Standard error of a decay over it: three of them from none."""
+
 UNTOLD = ("combined", "undetermined")
 """States of a parameter that the record does not determine."""
 
@@ -132,8 +135,11 @@ def _primary(found: Identified, settings: Settings) -> Estimate:
 
 
 def _settles(found: Identified) -> bool:
-    """Whether there is a transient: then no method of constant drift holds."""
-    return found.fits.settling is not None and "decay" in found.fits.settling.figures
+    """Whether there is a transient, its decay beyond doubt: then no method of constant drift holds."""
+    if found.fits.settling is None or "decay" not in found.fits.settling.figures:
+        return False
+    figures = found.fits.settling.figures
+    return figures["decay_standard_error"] < _BEYOND_DOUBT * figures["decay"]
 
 
 def _residuals(problem: Problem, times: Sequence[Time], found: Identified) -> list[pa.Table]:
@@ -179,11 +185,14 @@ def _findings(found: Identified, times: Sequence[Time]) -> Iterator[dict[str, An
             yield _finding("outlier", "warning", detail, start=start, end=end, count=int(at.size))
     noise = found.fits.linear.autoregression
     if noise is not None:
+        untried = (
+            "" if found.fits.settling else "; a drift that settles looks the same: try the method transient"
+        )
         yield _finding(
             "coloured residuals",
             "warning",
             f"the residuals are not white (probability {found.fits.linear.whiteness:.2g}): allowed for by an "
-            f"autoregression of order {len(noise.coefficients)}",
+            f"autoregression of order {noise.order}{untried}",
         )
     if found.fits.settling is not None and _settles(found):
         figures = found.fits.settling.figures

@@ -22,8 +22,8 @@ from pydantic import Field
 
 from pipeline import contracts
 from pipeline.errors import ExitCode
-from pipeline.models.earth import RATE
-from pipeline.models.gimbal_plausibility import DEG_H, judge, nominal_parameters, unwrapped
+from pipeline.models.earth import DEGREES_PER_HOUR, RATE
+from pipeline.models.gimbal_plausibility import judge, nominal_parameters, unwrapped
 from pipeline.models.gyro_drift import PARAMETERS
 from pipeline.models.record_length import sufficient_length, third_standard_error
 from pipeline.numerics.even_grid import FEWEST, EvenSamples, as_they_are, averaged, interpolated
@@ -42,6 +42,9 @@ METRICS = ("sample_interval", "arc_count", "bridged_count", "span_hours")
 
 _FEWEST_POINTS = 16
 """Grid points of an arc: a quintic spline needs six, and is at its worst in the three next to either end."""
+
+_LONGEST_INTERVAL = 3600.0
+"""Nominal interval up to which samples are followed [s]: in an hour the Earth turns 15 degrees."""
 
 _LONGEST_HOURS = 48.0
 """Records up to this long are thought of when one is too short."""
@@ -151,7 +154,7 @@ def _resampled(of: GimbalRun, settings: Settings, findings: Findings) -> _Resamp
     p = nominal_parameters(samples.tau, smooth, of.base) if sound else np.zeros(len(PARAMETERS))
     limits = Limits(
         max_gap=settings.max_gap * nominal,
-        max_rate=settings.max_rate / DEG_H,
+        max_rate=settings.max_rate / DEGREES_PER_HOUR,
         spike_factor=settings.spike_factor,
         spike_samples=settings.spike_samples,
         stuck_samples=settings.stuck_samples,
@@ -218,6 +221,14 @@ def _nominal(usable: Samples, settings: Settings, of: GimbalRun) -> float:
             remedy="choose another clock in the test plan",
             exit_code=ExitCode.USAGE,
         )
+    if regular.nominal > _LONGEST_INTERVAL:
+        raise StageError(
+            f"stage resample, run {of.name!r}",
+            expected=f"samples at most {_LONGEST_INTERVAL:g} s apart, in which the Earth turns 15 deg",
+            found=f"a nominal interval of {regular.nominal:.6g} s",
+            remedy="check the unit of the time, or the rate, in the test plan, or record more often",
+            exit_code=ExitCode.USAGE,
+        )
     if settings.interval is not None and settings.interval < (1 - _SAME) * regular.nominal:
         raise StageError(
             f"test plan, key resample.interval, run {of.name!r}",
@@ -237,7 +248,7 @@ def _refuse_unit(usable: Samples, of: GimbalRun) -> bool:
     stated = "radians" if judged.cause == "degrees" else "degrees"
     raise StageError(
         f"run {of.name!r}, key streams.gimbal.channels.alpha1.unit",
-        expected=f"angles that imply the Earth rate, {DEG_H:.3f} deg/h",
+        expected=f"angles that imply the Earth rate, {DEGREES_PER_HOUR:.3f} deg/h",
         found=f"{judged.declared} as declared, but {judged.otherwise} if the numbers are {judged.cause} "
         f"where {stated} are stated",
         remedy="correct the units of alpha1 and alpha2",
@@ -302,7 +313,7 @@ def _too_short(
     settings: Settings,
 ) -> StageError | None:
     """Why a run is too short, and how long would do; None where it is not, or where no length would do."""
-    useful, step = settings.useful_drift_deg_h / DEG_H, interval * RATE
+    useful, step = settings.useful_drift_deg_h / DEGREES_PER_HOUR, interval * RATE
     own = [Samples(points.time[points.measured], points.values[points.measured]) for points in even]
     if third_standard_error([(a.tau, a.alpha) for a in own], of.base, noise, step) <= useful:
         return None

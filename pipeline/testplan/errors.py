@@ -110,6 +110,8 @@ def faults_of(error: ValidationError, data: Mapping[str, Any], model: type[BaseM
     """
     faults: dict[tuple[Key, object], Fault] = {}
     for number, details in enumerate(error.errors(include_url=False)):
+        if details["type"] == "too_short" and len(details["input"]) >= details["ctx"]["min_length"]:
+            continue  # only its sound elements are too few: what is wrong with the others is told
         key, rest = _split(details["loc"], data)
         fault = _fault(details, key, rest, model)
         if details["type"] in (FAULT, "missing"):  # each stands for itself

@@ -151,6 +151,18 @@ def test_outliers_are_marked_and_do_no_harm(scheme: Scheme) -> None:
     assert robust.estimate.sigma > 50 * dp.ARCSEC
 
 
+@pytest.mark.parametrize("scheme", dp.SCHEMES)
+def test_a_drift_that_settles_loses_no_angles_to_the_model_of_a_constant_one(scheme: Scheme) -> None:
+    """Each five minutes, an e-fold of an hour: the residuals begin with a bend of 40 to 60 arcmin."""
+    for seed in range(5):
+        alpha = dp.noisy(dp.day(scheme, 5, 1.0), seed)
+        fit = cumulative(dp.one_run(scheme, alpha, dp.hours(24, 5)))
+        assert fit.outliers[0].sum() <= 1  # the first sample, by what a parabola leaves of the bend
+        residual = np.abs(alpha - fit.estimate.predicted[0]).max()
+        # of e^-x a parabola over x up to 8/12 leaves x^3/6 = 0.05 at its worst
+        assert np.abs(fit.cleaned.arcs[0].alpha - alpha).max() < 0.05 * residual
+
+
 def two_runs(seed: int) -> Problem:
     """A polar run with a gap of an hour, and a vertical one every third sample of which is bridged."""
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.numerics.observability import analyse, correlation, standard_deviations
+from pipeline.numerics.observability import Combination, analyse, correlation, standard_deviations
 
 Float = NDArray[np.float64]
 NAMES = ("x", "y", "z")
@@ -181,3 +181,15 @@ def test_correlation() -> None:
     covariance = np.array([[4.0, 1, 0], [1, 9, 0], [0, 0, 0]])
     expected = np.array([[1, 1 / 6, 0], [1 / 6, 1, 0], [0, 0, 0]])
     np.testing.assert_allclose(correlation(covariance), expected, rtol=1e-15)
+    # the products of two such errors, 1e-340, are no floats
+    small = correlation(np.diag([1e-300, 1e-320]))
+    np.testing.assert_allclose(small, np.eye(2), rtol=1e-3)  # 1e-320 has three digits
+    unknown = np.diag([4.0, 9.0, np.inf]) + np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 0]])
+    np.testing.assert_allclose(correlation(unknown), expected, rtol=1e-15)
+
+
+def test_a_combination_is_of_its_terms_alone() -> None:
+    covariance = np.diag([4.0, 9.0, np.inf])
+    value, error = Combination({"a": 1.0, "b": -2.0}, 0.0).evaluate(("a", "b", "c"), np.ones(3), covariance)
+    assert value == pytest.approx(-1.0, rel=1e-15)
+    assert error == pytest.approx(40**0.5, rel=1e-15)

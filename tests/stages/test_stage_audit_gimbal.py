@@ -87,6 +87,29 @@ class TestFaults:
         findings, _ = audited([(time, alpha)], ["vertical"])
         assert "clipped" in {f["kind"] for f in findings if f["channel"] == "alpha1"}
 
+    @pytest.mark.parametrize("nothing", [np.nan, np.inf])
+    def test_no_angle_at_all(self, nothing: float) -> None:
+        time, alpha = gr.record("vertical", 12, 60.0)
+        alpha[:, 1] = nothing
+        findings, figures = audited([(time, alpha)], ["vertical"])
+        assert ("missing channel", "error") in {(f["kind"], f["severity"]) for f in findings}
+        assert figures["gimbal", "error_count"] >= 1
+
+    @pytest.mark.parametrize("dead", [(0,), (1,), (0, 1)])
+    def test_an_angle_at_rest_where_the_earth_turns_it(self, dead: tuple[int, ...]) -> None:
+        time, alpha = gr.record("polar", 12, 60.0)
+        alpha[:, dead] = alpha[0, dead]
+        findings, _ = audited([(time, alpha)], ["polar"])
+        errors = [f for f in findings if (f["kind"], f["severity"]) == ("constant", "error")]
+        assert [f["channel"] for f in errors] == [f"alpha{index + 1}" for index in dead]
+        assert all("the encoder is dead" in f["detail"] for f in errors)
+
+    def test_angles_of_two_units_are_an_error(self) -> None:
+        """No one change of the plan explains them, and no gyro moves so."""
+        time, alpha = gr.record("polar", 24, 60.0)
+        findings, _ = audited([(time, alpha * np.array([180 / np.pi, 1.0]))], ["polar"])
+        assert ("implausible Earth rate", "error") in {(f["kind"], f["severity"]) for f in findings}
+
 
 class TestUnit:
     @pytest.mark.parametrize("scheme", SCHEMES)

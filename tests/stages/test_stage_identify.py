@@ -16,7 +16,7 @@ from pipeline.models.drift_trajectory import Transient
 from pipeline.models.earth import RATE
 from pipeline.models.gyro_drift import DRIFT, TILT, Gyro
 from pipeline.stages import identify, score_drift
-from pipeline.stages.base import Stand
+from pipeline.stages.base import StageError, Stand
 from pipeline.storage.contract_check import violations
 
 HORIZONTAL = Run("horizontal", (0.0, 0.0))
@@ -216,6 +216,38 @@ def test_a_transient_with_installation_errors_is_told_within_its_errors() -> Non
     assert set(held["method"]) == {"transient"}
 
 
+def bridged(until: int) -> dict[str, pa.Table]:
+    """Six hours at five minutes, nothing measured before a sample."""
+    record = tables([Run("polar", (0.3, 0.2), 6.0)], interval=300.0)
+    trajectory = record["trajectory"]
+    measured = np.arange(len(trajectory)) >= until
+    place = trajectory.schema.get_field_index("measured")
+    column = trajectory.set_column(place, trajectory.schema.field(place), pa.array(measured))
+    return {**record, "trajectory": column}
+
+
+def test_a_record_that_was_bridged_throughout_is_refused() -> None:
+    with pytest.raises(StageError, match="all were bridged"):
+        identify.run(bridged(73), identify.Settings(), Stand())
+    # of 73 samples 22 are held out, and what is measured are fewer
+    out = identify.run(bridged(55), identify.Settings(advice=False), Stand())
+    finding = next(row for row in out["findings"].to_pylist() if row["kind"] == "hold-out not done")
+    assert "all were bridged" in finding["detail"]
+
+
+def test_coloured_noise_is_no_transient() -> None:
+    """AR(1), phi = 0.7: taken for white, 23 of 24 such records had a transient."""
+    settings = {"methods": ("transient",), "installation_errors": False, "hold_out": 0.0, "advice": False}
+    still, straight = Run("polar", (0.6, 0.5), 12.0, (0.0, 0.0, 0.0)), Gyro(GYRO.m, np.zeros(2))
+    found = 0
+    for seed in range(6):
+        record = tables([still], gyro=straight, interval=300.0, correlation=0.7, seed=seed)
+        out = identify.run(record, identify.Settings(**settings), Stand())
+        found += "transient_time" in out["metrics"]["name"].to_pylist()
+    # the test is at 1 %, of an autoregression that is itself estimated; two in 24 were found
+    assert found <= 2
+
+
 def test_a_method_that_cannot_be_done_is_said() -> None:
     out = identified(
         HORIZONTAL, settings={"methods": ("cumulative", "spiral"), "hold_out": 0.0, "advice": False}
@@ -241,6 +273,7 @@ def test_known_drift_makes_the_spiral_tell_the_rest() -> None:
     [
         ({"methods": ("cumulative",), "primary": "filter"}, "one of the methods of the plan"),
         ({"methods": ("filter",), "process_noise": "decaying"}, "transient_hours beside"),
+        ({"methods": ("spiral",), "primary": "spiral"}, "foretells the angles"),
     ],
 )
 def test_settings_that_do_not_fit_together(settings: dict[str, Any], expected: str) -> None:

@@ -331,6 +331,17 @@ class TestGrid:
 class TestOddRecords:
     """Whatever comes, one line or a table; a warning of NumPy would be an error here."""
 
+    def test_milliseconds_declared_as_seconds(self) -> None:
+        """A sample in 17 hours: the model cannot be followed between them."""
+        time, alpha = gr.record("polar", 24, 60.0)
+        error = refusal([(1000 * time, alpha)], ["polar"])
+        assert error.exit_code is ExitCode.USAGE
+        assert "found a nominal interval of 60000 s; check the unit of the time" in str(error)
+
+    def test_minutes_declared_as_seconds(self) -> None:
+        time, alpha = gr.record("polar", 24, 60.0)
+        assert "or the time is in another unit" in str(refusal([(time // 60, alpha)], ["polar"]))
+
     @pytest.mark.parametrize("count", [0, 1, 5, 20, 500])
     @pytest.mark.parametrize("stamps", ["even", "one", "backward", "nanoseconds"])
     @pytest.mark.parametrize("jumps", ["refuse", "split"])

@@ -141,6 +141,8 @@ BROKEN = [
     ('"run8.mcap"', '"/run8.mcap"', 26, "runs[3].recording", ["bare name"]),
     ('"run8.mcap"', '"a\\u0000"', 26, "runs[3].recording", ["bare name"]),
     ('"run8.mcap"', '""', 26, "runs[3].recording", ["not empty"]),
+    ("chi_deg = [0, -90, 12.5]\nlatitude_deg = -3", '[identify]\nmethods = ["kalman"]', 28,
+     "identify.methods[1]", ["'cumulative'", "found 'kalman'"]),
     ("latitude_deg = -3", "latitude_deg = 93", 28, "runs[3].latitude_deg", ["at most 90"]),
     ("latitude_deg = -3", 'scheme = "polar"', 27, "runs[3].chi_deg", ["one of scheme and chi_deg"]),
     (GOOD[GOOD.index("[[runs]]") : GOOD.rindex("[[runs]]") + 8], "[runs]", 16, "runs", ["an array", "table"]),
