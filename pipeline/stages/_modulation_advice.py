@@ -10,6 +10,9 @@ from pipeline.models.random_error import RandomError
 from pipeline.models.random_error_fit import Candidate
 from pipeline.models.random_error_growth import Band, growth, recommended_rate, worse_bands
 
+_BEYOND = 100.0
+"""Times the highest rate from which on a figure says nothing to anybody."""
+
 
 @dataclass(frozen=True, slots=True)
 class Advice:
@@ -47,9 +50,10 @@ def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
         return Advice(0.0, None, 1.0, None, reason)
     bands = worse_bands(model)
     if rate > highest:
+        only = f"only at {np.degrees(rate):.3g} deg/s" if rate < _BEYOND * highest else "at no rate in reach"
         reason = (
-            f"none: coloured noise falls to the fraction {fraction:g} of white noise's growth only at "
-            f"{np.degrees(rate):.3g} deg/s; at the highest rate, {np.degrees(highest):.3g} deg/s, it has "
+            f"none: coloured noise falls to the fraction {fraction:g} of white noise's growth {only}; at the "
+            f"highest rate, {np.degrees(highest):.3g} deg/s, it has "
             f"{_colour(model, highest) / model.N:.2g}"
         )
         return Advice(None, None, None, None, reason)
