@@ -52,13 +52,13 @@ def test_tables_2_and_3(rows, scheme, table_2, table_3):
     ):
         for error, cell in zip(("Delta chi = 1'", "theta = 10'"), cells, strict=True):
             found = ours(rows, f"Table {number}, {scheme}", f"{error}: {quantity}")
-            assert found == pytest.approx(cell, rel=0.01)  # the issue's tolerance; four digits agree
+            assert found == pytest.approx(cell, rel=0.01)  # four digits agree
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_the_bounds_of_the_issue(rows, scheme):
+def test_the_bounds(rows, scheme):
     assert ours(rows, f"Gauss-Newton, {scheme}", "noise-free: max error of m, deg/h, at most") <= 5e-8
-    # Factors of 3, as the issue has them, on the largest figure of any scheme.
+    # Factors of 3 on the largest figure of any scheme.
     quintic = ours(rows, f"quadrature, 1 min, {scheme}", "quintic_spline: max error of m, deg/h")
     assert quintic <= 3 * 5e-12
     filtered = ours(rows, f"transient of 1 h, {scheme}", "filter, decaying noise: max error of m, deg/h")

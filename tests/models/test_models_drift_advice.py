@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import cache
 
 import numpy as np
@@ -131,13 +130,3 @@ def test_noise_that_no_run_overcomes() -> None:
         improved = proposal.standard_error_then[lacking] < 0.5 * proposal.standard_error_now[lacking]
         assert improved.any()
     assert proposals[0].duration == 24 * 3600  # where hours buy nothing else, the most of them
-
-
-def test_is_quick() -> None:
-    base = Base.mounted("equatorial", LATITUDE)
-    problem = Problem((base,), (arc(0, base, np.zeros(2), 24, ARCSEC, 0),), PRIORS)
-    fit = fitted(problem, ARCSEC)
-    for limit in (60.0, 1.5):  # compiled first; then what the 10 s for the whole procedure leave it
-        begun = time.process_time()
-        further_runs(fit.rows, problem, fit.estimate, sigma=ARCSEC, interval=INTERVAL, useful=USEFUL)
-        assert time.process_time() - begun < limit

@@ -122,7 +122,7 @@ def test_uncertainty_is_honest(scheme: Scheme) -> None:
     observable = (part > 1e-9) & (part < 0.5)
     assert observable.sum() == {"polar": 10, "equatorial": 8, "horizontal": 11, "vertical": 11}[scheme]
     spread = np.std(scores, axis=0)[observable]
-    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # the issue's band: two sigma of 200 seeds
+    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # two sigma of what 200 seeds tell
     assert 0.91 < np.mean(within) < 0.99  # 95 % of 200 runs, 2.6 standard deviations of a binomial
 
 
@@ -153,7 +153,7 @@ def assert_same(found: Estimate, expected: Estimate, relative: float) -> None:
 
 
 def test_without_process_noise_it_is_least_squares() -> None:
-    """To 1e-9, as the issue asks: several runs and arcs, priors, gaps, with the transitions of the noise."""
+    """To 1e-9: several runs and arcs, priors, gaps, with the transitions of the noise."""
     problem = interrupted(1)
     fit = cumulative(problem, sigma=ARCSEC, robust=False, coloured=False)
     found = kalman(problem, sigma=ARCSEC, nominal=np.stack(fit.nominal))

@@ -183,7 +183,7 @@ def spread(scheme: Scheme) -> Float:
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_standard_errors_are_honest(scheme: Scheme) -> None:
-    """The issue's band over 200 runs; two standard deviations of what as many seeds tell."""
+    """Two standard deviations of what as many seeds tell."""
     found = spread(scheme)
     assert len(found) >= 13
     assert np.all(np.abs(found - 1) < 0.1), found

@@ -37,7 +37,7 @@ def test_error_over_standard_error_is_standard_normal(scheme: Scheme) -> None:
     assert seen.sum() >= 5
     scores = [(f.estimate.value - dp.truth(scheme))[seen] / f.estimate.standard_errors[seen] for f in found]
     spread, mean = np.std(scores, axis=0), np.mean(scores, axis=0)
-    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # the band: two sigma of 200 seeds
+    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # two sigma of what 200 seeds tell
     assert np.all(np.abs(mean) < 3.5 / SEEDS**0.5), mean  # of some 40 means none is 3.5 sigma off
     sigma = [f.estimate.sigma for f in found]
     assert np.mean(sigma) == pytest.approx(dp.ARCSEC, rel=0.005)  # 1.3 % of each of them, over 200

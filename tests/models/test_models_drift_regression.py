@@ -144,7 +144,7 @@ def test_cumulative_least_squares_knows_its_error() -> None:
         solution = solve(A, b, names)
         scores.append((solution.estimate[2:8] - M) / solution.standard_errors[2:8])
     spread = np.std(scores, axis=0)
-    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # the band: two sigma of 200 seeds
+    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # two sigma of what 200 seeds tell
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

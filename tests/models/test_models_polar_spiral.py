@@ -72,7 +72,7 @@ def test_knows_its_error() -> None:
         scores.append((found.value - FIGURES) / np.sqrt(np.diag(found.covariance)))
         sigmas.append(found.sigma)
     spread = np.std(scores, axis=0)
-    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # the band: two sigma of 200 seeds
+    assert np.all((spread > 0.9) & (spread < 1.1)), spread  # two sigma of what 200 seeds tell
     # 160 degrees of freedom spread a sigma by 6 %, the mean of 200 by 0.4 %
     assert np.mean(sigmas) == pytest.approx(ARCSEC, rel=0.015)
 

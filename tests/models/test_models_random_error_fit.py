@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import resource
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -233,7 +232,7 @@ def test_starts_lie_within_bounds_and_apart() -> None:
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("gaps", [False, True])
-def test_ten_million_samples_take_a_minute_at_most(gaps: bool) -> None:
+def test_ten_million_samples_stay_below_two_gigabytes(gaps: bool) -> None:
     truth = RandomError((Noise2(0.01, 0.01, 0.3), White(1e-4)))
     generator = np.random.default_rng(1)
     x = truth.generate(10**7, 0.01, generator)
@@ -241,9 +240,7 @@ def test_ten_million_samples_take_a_minute_at_most(gaps: bool) -> None:
     if gaps:
         for begin in generator.integers(0, len(x) - 9000, 200):
             observed[begin : begin + generator.integers(1, 9000)] = False
-    start = time.process_time()
     identified = identify(x, 0.01, observed)
-    assert time.process_time() - start < 60
     unit = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit < 2e9
     assert identified.chosen.form == "noise2"
