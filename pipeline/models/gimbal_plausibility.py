@@ -70,6 +70,9 @@ _OFF = 0.3
 _DOUBTFUL, _FITS = 0.2, 0.1
 """Misfit above which a hypothesis is doubted, and up to which one is believed."""
 
+_CLEAR = 0.05
+"""Misfit up to which another unit is named: the right one leaves what the linear model does, 0.02."""
+
 _BETTER = 5.0
 """How many times smaller the misfit in another unit must be where the misfit alone decides."""
 
@@ -166,7 +169,7 @@ def judge(tau: Float, alpha: Float, base: Base) -> Judgement | None:
     doubtful = bool(singular) or declared.off or declared.misfit > _DOUBTFUL
     for cause, factor in FACTORS.items():
         other = implied_earth_rate(tau, without_large_spikes(unwrapped(alpha * factor), _LONGEST_SPIKE), base)
-        if other is None or not other.believed:
+        if other is None or not other.believed or other.misfit > _CLEAR:
             continue
         better = declared.misfit > _FITS / 2 and declared.misfit > _BETTER * other.misfit
         if singular or declared.off or better:

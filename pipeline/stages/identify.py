@@ -8,7 +8,7 @@ the parameters that the rest gives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ import pyarrow as pa
 from pipeline.errors import GyrostandError
 from pipeline.models.drift_advice import Proposal, further_runs
 from pipeline.models.drift_observability import drift_observability, expression, shown
-from pipeline.models.drift_problem import Estimate, Mask, Parameter, Problem
+from pipeline.models.drift_problem import Estimate, Mask, Parameter, Prior, Problem
 from pipeline.models.earth import RATE
 from pipeline.models.spiral_inversion import INVERSIONS
 from pipeline.numerics.observability import Observability
@@ -62,6 +62,9 @@ METRICS = (
 )
 
 
+_FAR = 3.0
+"""Prior standard deviations from which on a parameter is a surprise."""
+
 _BEYOND_DOUBT = 1 / 3
 """Standard error of a decay over it: three of them from none."""
 
@@ -103,7 +106,11 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         if settings.advice
         else ()
     )
-    findings = [*_findings(found, times), *_undetermined(told, proposals, problem)]
+    findings = [
+        *_findings(found, times),
+        *_unexpected(primary, priors),
+        *_undetermined(told, proposals, problem),
+    ]
     residuals = _residuals(problem, times, found)
     if settings.hold_out:
         try:
@@ -207,6 +214,22 @@ def _findings(found: Identified, times: Sequence[Time]) -> Iterator[dict[str, An
     for estimate in found.estimates:
         for note in estimate.notes:
             yield _finding("note", "warning", f"{estimate.method}: {note}")
+
+
+def _unexpected(primary: Estimate, priors: Mapping[str, Prior]) -> Iterator[dict[str, Any]]:
+    """Parameters far from what the plan expects: it pulls them, or the mounting is another."""
+    far = [
+        f"{parameter.name} by {abs(value - prior.mean) / prior.sigma:.2g}"
+        for parameter, value in zip(primary.parameters, primary.value, strict=True)
+        if (prior := priors.get("epsilon" if parameter.run is not None else parameter.name)) is not None
+        and abs(value - prior.mean) > _FAR * prior.sigma
+    ]
+    if far:
+        detail = (
+            f"farther from what the plan expects than 3 standard deviations: {', '.join(far)}; "
+            "raise the prior, or check latitude, scheme and the zeros of the encoders"
+        )
+        yield _finding("unexpected", "warning", detail, count=len(far))
 
 
 def _undetermined(

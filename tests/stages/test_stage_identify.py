@@ -159,6 +159,14 @@ def test_what_one_run_cannot_tell_is_said_and_two_determine_it() -> None:
     assert (score.abs() < 4).all()
 
 
+def test_a_drift_beyond_what_the_plan_expects_is_said() -> None:
+    settings = {"methods": ("gauss_newton",), "prior_drift_deg_h": 0.02, "hold_out": 0.0, "advice": False}
+    out = identified(HORIZONTAL, settings=settings)
+    finding = next(row for row in out["findings"].to_pylist() if row["kind"] == "unexpected")
+    assert "m11 by 7.5" in finding["detail"]  # 0.15 deg/h, 0.02 of them a standard deviation
+    assert "unexpected" not in horizontal()["findings"]["kind"].to_pylist()
+
+
 def test_coloured_residuals_are_recognised_and_allowed_for() -> None:
     settings = {"methods": ("cumulative", "gauss_newton", "filter"), "hold_out": 0.0, "advice": False}
     out = identified(HORIZONTAL, settings=settings, correlation=0.8)
