@@ -94,7 +94,8 @@ def test_without_noise_the_parameters_are_exact() -> None:
 
 def test_a_straight_line_leaves_the_nonlinearity_in_the_residuals() -> None:
     fit = fit_single_axis(exact_steps(RATES), 0, Terms(), input_axis=ALONG, axis=None)
-    assert fit.linearity_error_ppm == pytest.approx(float(np.abs(fit.residual_ppm).max()), rel=1e-12)
+    # a residual of 1e-4 keeps twelve digits of the rates' sixteen; two fits of them differ in the last
+    assert fit.linearity_error_ppm == pytest.approx(float(np.abs(fit.residual_ppm).max()), rel=1e-9)
     # what the means scatter about the line is in the standard errors, not only their noise
     assert fit.scatter > 10 * DEGREE / 3600
     whole = fit_single_axis(exact_steps(RATES), 0, TERMS, input_axis=ALONG, axis=None)
