@@ -29,6 +29,9 @@ Float = NDArray[np.float64]
 
 ARCMIN, ARCSEC = float(np.deg2rad(1 / 60)), float(np.deg2rad(1 / 3600))
 
+_ENOUGH = 4000
+"""Samples of an arc that tell what the linear model neglects: one in 0.1 degrees of a day."""
+
 _MORE_THAN_NOISE = 10.0
 """Residuals over short-term noise: noise of a correlation of 0.99 has 10, a drift that settles hundreds."""
 
@@ -149,15 +152,24 @@ def _settling(problem: Problem, settings: Settings, *, linearise: bool) -> tuple
 
     if not linearise:
         return of(problem, coloured=settings.coloured), problem
-    # What the linear model neglects looks like coloured noise: no account of that before it is known.
-    found, about = of(problem, coloured=False), problem
-    for coloured in (False, settings.coloured):
+    # What the linear model neglects looks like coloured noise: no account of that before it is known. It is
+    # smooth, and known well enough from some of the samples.
+    coarse = _thinned(problem)
+    found, about = of(coarse, coloured=False), problem
+    for record, coloured in ((coarse, False), (problem, settings.coloured)):
         if "decay" not in found.figures:
-            return found, problem
+            return of(problem, coloured=settings.coloured), problem
         k = found.figures["decay"]
-        about = relinearised(problem, found)
+        about = relinearised(record, found)
         found = of(about, (k / 2, 2 * k), coloured=coloured)
     return found, about if "decay" in found.figures else problem
+
+
+def _thinned(problem: Problem) -> Problem:
+    """The problem with no more than some thousand samples an arc."""
+    every = max(max(len(arc.tau) for arc in problem.arcs) // _ENOUGH, 1)
+    arcs = [Arc(a.run, a.tau[::every], a.alpha[::every], a.measured[::every]) for a in problem.arcs]
+    return replace(problem, arcs=tuple(arcs))
 
 
 def _describes(exact: Estimate, problem: Problem) -> bool:

@@ -204,14 +204,16 @@ def test_a_transient_is_told_by_its_regression_and_the_decaying_filter() -> None
     assert figure(out, "transient_time") == pytest.approx(1.0, rel=0.05)
 
 
-def test_a_transient_with_installation_errors_is_told_within_its_errors() -> None:
+@pytest.mark.parametrize("interval", [60.0, 10.0])
+def test_a_transient_with_installation_errors_is_told_within_its_errors(interval: float) -> None:
     """What the linear model neglects of a drift of 0.05 is many standard errors: the exact one has it."""
     settings = {
         "methods": ("gauss_newton", "transient", "filter"),
         "process_noise": "decaying",
         "advice": False,
     }
-    record = tables([HORIZONTAL], transient=Transient(np.full(6, 0.05), 1 / (3600 * RATE)))
+    settles = Transient(np.full(6, 0.05), 1 / (3600 * RATE))
+    record = tables([HORIZONTAL], transient=settles, interval=interval)
     out = identify.run(record, identify.Settings(**settings), Stand())
     for method in ("transient", "filter"):
         found = parameters(out, method).loc[[*DRIFT, *TILT]]
