@@ -34,10 +34,13 @@ FACTORS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
         "time": _TIME,
         "pure number": {"1": 1.0},
-        "temperature": {"K": 1.0},
+        "temperature": {"K": 1.0, "degC": 1.0, "degF": 5 / 9},
     }
 )
 """Factor to SI and radians of each unit, by dimension."""
+
+_ZEROS: Mapping[str, float] = MappingProxyType({"degC": 273.15, "degF": 459.67 * 5 / 9})
+"""The zero of a unit in SI, where it is not that of SI."""
 
 _ALIASES = {
     "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "dps": "deg/s", "mdps": "mdeg/s",
@@ -45,7 +48,8 @@ _ALIASES = {
     "″": "arcsec", '"': "arcsec", "′": "arcmin", "'": "arcmin", "sec": "s", "second": "s", "seconds": "s",
     "msec": "ms", "usec": "us", "nsec": "ns", "minute": "min", "minutes": "min", "hr": "h", "hour": "h",
     "hours": "h", "turn": "rev", "turns": "rev", "r/min": "rpm", "dimensionless": "1",
-    "unitless": "1",
+    "unitless": "1", "°C": "degC", "ºC": "degC", "celsius": "degC", "Celsius": "degC", "C": "degC",
+    "°F": "degF", "fahrenheit": "degF", "Fahrenheit": "degF", "kelvin": "K", "Kelvin": "K",
 }  # fmt: skip
 
 _INVERSE = re.compile(r"(?<=\S)[ ·⋅.*](s|min|h)(?:\^?-1|⁻¹)$")
@@ -72,6 +76,11 @@ def dimension(unit: str) -> str | None:
 def factor(unit: str, of: str) -> float | None:
     """Factor to SI and radians of a unit of the given dimension, or None where it is none of it."""
     return FACTORS[of].get(canonical(unit))
+
+
+def zero(unit: str) -> float:
+    """The zero of a unit in SI: 273.15 K of degrees Celsius, 0 of nearly all others."""
+    return _ZEROS.get(canonical(unit), 0.0)
 
 
 def nearest(unit: str, of: str) -> str:

@@ -8,7 +8,8 @@ from typing import Any
 from pipeline import units
 from pipeline.formats.base import Loss
 from pipeline.stages.base import counted, finding
-from pipeline.stages.channel_map import Clock, Stream, StreamName
+from pipeline.stages.channel_map import Clock, Stream
+from pipeline.stages.quantities import StreamName
 
 Streams = Mapping[StreamName, Stream]
 Clocks = Mapping[StreamName, Clock]

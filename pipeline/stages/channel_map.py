@@ -15,44 +15,8 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from pipeline import units
 from pipeline.formats.base import CLOCKS, TextLayout
 from pipeline.plan_faults import Fault, refuse
-from pipeline.stages.base import ANGLES
 from pipeline.stages.base import Settings as _Settings
-
-StreamName = Literal["gyro", "reference", "gimbal", "turntable"]
-Quantity = Literal[
-    "angular_rate",
-    "angle_increment",
-    "euler_krylov",
-    "quaternion",
-    "gimbal_angles",
-    "table_angle",
-    "table_rate",
-]
-
-CHANNELS: dict[StreamName, dict[Quantity, tuple[str, ...]]] = {
-    "gyro": {"angular_rate": ("p", "q", "r"), "angle_increment": ("p", "q", "r")},
-    "reference": {"euler_krylov": ANGLES, "quaternion": ("w", "x", "y", "z")},
-    "gimbal": {"gimbal_angles": ("alpha1", "alpha2")},
-    "turntable": {"table_angle": ("angle",), "table_rate": ("rate",)},
-}
-"""The channels of each stream, by the kind of quantity it records."""
-
-IN_PART: tuple[StreamName, ...] = ("gyro",)
-"""Streams that need not have all their channels: a sensor may have one axis."""
-
-WRAPPING: tuple[Quantity, ...] = ("gimbal_angles", "table_angle")
-"""Quantities of encoders, which may begin again at 0."""
-
-DIMENSIONS: dict[Quantity, str] = {
-    "angular_rate": "angular rate",
-    "angle_increment": "angle",
-    "euler_krylov": "angle",
-    "quaternion": "pure number",
-    "gimbal_angles": "angle",
-    "table_angle": "angle",
-    "table_rate": "angular rate",
-}
-"""What the units of a quantity's channels measure, see `pipeline.units`."""
+from pipeline.stages.quantities import IN_PART, QUANTITIES, STREAMS, TURNED, WRAPPING, Quantity, StreamName
 
 ORTHONORMAL = 1e-6
 """Largest deviation of ``R Rᵀ`` from unity: a matrix written with seven decimals passes, one with six may
@@ -227,7 +191,7 @@ def channel_faults(name: StreamName, stream: Stream) -> list[Fault]:
     list of Fault
         With keys from ``[streams]``.
     """
-    known = CHANNELS[name]
+    known = STREAMS[name]
     if stream.quantity not in known:
         expected = f"{' or '.join(map(repr, known))} for the stream {name!r}"
         remedy = "correct the quantity, or put the channels into the stream that they belong to"
@@ -256,9 +220,9 @@ def _axes_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
         expected = "no rotation in the stream 'gimbal', whose angles are about the gimbal's own axes"
         remedy = "remove it; sign and offset of a channel turn it, scheme or chi_deg of [stand] the base"
         yield Fault(("rotation",), expected, "one", remedy)
-    elif name == "turntable":
-        expected = "no rotation in the stream 'turntable', which has one axis"
-        yield Fault(("rotation",), expected, "one", "remove it; sign of the channel turns it")
+    elif name not in TURNED:
+        expected = f"no rotation in the stream {name!r}, which has no axes to turn"
+        yield Fault(("rotation",), expected, "one", "remove it; sign of a channel turns it round")
 
 
 def _wrap_faults(stream: Stream) -> Iterator[Fault]:
@@ -269,9 +233,9 @@ def _wrap_faults(stream: Stream) -> Iterator[Fault]:
             yield Fault(("channels", name, "wraps_at"), expected, repr(stream.quantity), "remove it")
 
 
-def missing_channels(name: StreamName, stream: Stream) -> Iterator[Fault]:
+def missing_channels(stream: Stream) -> Iterator[Fault]:
     """The channels that a stream lacks, as one fault; its key is from the stream."""
-    needed = CHANNELS[name][stream.quantity]
+    needed = QUANTITIES[stream.quantity]
     missing = [channel for channel in needed if channel not in stream.channels]
     if missing:
         expected = f"the channels {', '.join(needed)} for quantity {stream.quantity!r}"
@@ -281,7 +245,7 @@ def missing_channels(name: StreamName, stream: Stream) -> Iterator[Fault]:
 
 def _name_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
     """Channels that the quantity does not have, else those that are missing."""
-    known = CHANNELS[name][stream.quantity]
+    known = QUANTITIES[stream.quantity]
     strange = [channel for channel in stream.channels if channel not in known]
     expected = f"the channels {', '.join(known)} for quantity {stream.quantity!r}"
     for channel in strange:
@@ -291,9 +255,9 @@ def _name_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
     if strange:
         return
     if name not in IN_PART:
-        yield from missing_channels(name, stream)
+        yield from missing_channels(stream)
     elif stream.rotation is not None:
-        for fault in missing_channels(name, stream):
+        for fault in missing_channels(stream):
             expected = f"all of {', '.join(known)} beside rotation, which mixes them"
             yield fault._replace(expected=expected, remedy=f"{fault.remedy}, or remove rotation")
 
@@ -312,9 +276,9 @@ def _field_faults(stream: Stream) -> Iterator[Fault]:
 
 def _unit_faults(stream: Stream) -> Iterator[Fault]:
     """Units that do not measure what the quantity is."""
-    of = DIMENSIONS[stream.quantity]
-    for name, channel in stream.channels.items():
-        if units.factor(channel.unit, of) is None:
+    for name, of in QUANTITIES[stream.quantity].items():
+        channel = stream.channels.get(name)
+        if channel is not None and units.factor(channel.unit, of) is None:
             found = repr(channel.unit) if channel.unit else "'', not filled in"
             expected = f"a unit of {of} for quantity {stream.quantity!r}"
             yield Fault(("channels", name, "unit"), expected, found, units.nearest(channel.unit, of))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from pipeline import units
 from pipeline.formats.base import Field, Topic
-from pipeline.stages.channel_map import Quantity, StreamName
+from pipeline.stages.quantities import Quantity, StreamName
 
 _UNIT = re.compile(r"\s*(?:\([^()\[\]]*\)|\[[^()\[\]\d]+\])$")
 _COMPONENT = re.compile(

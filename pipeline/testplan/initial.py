@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 from pipeline import units
 from pipeline.formats.base import Field, Inspection, Topic
-from pipeline.stages.channel_map import CHANNELS, DIMENSIONS, StreamName
+from pipeline.stages.quantities import QUANTITIES, StreamName
 from pipeline.testplan.candidates import Candidate, bare, find_candidates
 from pipeline.testplan.load import own_plan
 
@@ -236,9 +236,8 @@ def _stream_lines(candidate: Candidate) -> Iterator[str]:
         about = f"{escaped(topic.message_type)}, {topic.count} messages"
         yield f"topic = {quoted(topic.name)}    # {about}"
     yield f'quantity = "{candidate.quantity}"'
-    of = DIMENSIONS[candidate.quantity]
-    channels = CHANNELS[candidate.stream][candidate.quantity]
-    for channel, one in zip(channels, candidate.fields, strict=True):
+    channels = QUANTITIES[candidate.quantity]
+    for (channel, of), one in zip(channels.items(), candidate.fields, strict=True):
         unit, remark = _unit(one, of, topic.message_type)
         yield f"channels.{channel} = {{ field = {quoted(one.path)}, unit = {quoted(unit)} }}{remark}"
 
@@ -249,7 +248,7 @@ def _add_blank_gyro(plan: _Plan, topics: Sequence[Topic]) -> None:
     if any(t.name for t in topics):
         plan.add('topic = ""    # FILL IN')
     plan.add('quantity = "angular_rate"    # or angle_increment', _PART)
-    for channel in CHANNELS["gyro"]["angular_rate"]:
+    for channel in QUANTITIES["angular_rate"]:
         plan.add(f'channels.{channel} = {{ field = "", unit = "" }}    # FILL IN')
 
 

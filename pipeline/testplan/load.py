@@ -34,7 +34,8 @@ from pipeline.procedures import NEEDS, PROCEDURES, WHOLE
 from pipeline.stages import ingest
 from pipeline.stages._runs import further_recordings, is_bare, mounting_faults, neighbour
 from pipeline.stages.base import Settings, Stand
-from pipeline.stages.channel_map import Stream, StreamName, missing_channels
+from pipeline.stages.channel_map import Stream, missing_channels
+from pipeline.stages.quantities import StreamName
 from pipeline.storage.naming import COMPRESSIONS
 from pipeline.testplan.errors import PlanError, faults_of, plan_error, shown, shown_path, unknown
 from pipeline.testplan.locate import key_lines
@@ -184,7 +185,7 @@ def _missing(plan: Any) -> Iterator[Fault]:
             yield Fault((section,), f"{need}, for the procedure {plan.procedure!r}", "none", remedy)
     streams: Mapping[StreamName, Stream] = plan.streams
     for name, stream in streams.items():
-        for fault in missing_channels(name, stream) if name in WHOLE.get(plan.procedure, ()) else ():
+        for fault in missing_channels(stream) if name in WHOLE.get(plan.procedure, ()) else ():
             yield fault._replace(key=("streams", name, *fault.key))
     if "gimbal" in plan.streams or "streams.gimbal" in needs:
         yield from mounting_faults(plan.runs, plan.stand)

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.errors import ExitCode
 from pipeline.procedures import PROCEDURES, WHOLE
-from pipeline.stages.channel_map import CHANNELS
+from pipeline.stages.quantities import STREAMS
 from pipeline.testplan import PlanError, load_plan
 
 GOOD = """\
@@ -83,7 +83,7 @@ BROKEN = [
     ('"table_angle"', '"gimbal_angles"', 13, "streams.turntable.quantity",
      ["'table_angle' or 'table_rate' for the stream 'turntable'"]),
     ('topic = "/table"', "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]", 12, "streams.turntable.rotation",
-     ["one axis", "remove it"]),
+     ["no axes to turn", "remove it"]),
     ("[streams.turntable]", "[streams.turntabel]", 11, "streams.turntabel", ["did you mean 'turntable'?"]),
 ]  # fmt: skip
 
@@ -107,4 +107,4 @@ def test_a_broken_plan_gives_one_line(
 def test_every_stream_that_must_be_whole_is_one_of_a_plan() -> None:
     for procedure, streams in WHOLE.items():
         assert procedure in PROCEDURES
-        assert set(streams) <= set(CHANNELS)
+        assert set(streams) <= set(STREAMS)
