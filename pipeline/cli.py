@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from pipeline import cli_simulate
+from pipeline import cli_gains, cli_simulate
 from pipeline.errors import ExitCode, GyrostandError
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ app.add_typer(plan_app, name="plan")
 app.add_typer(schema_app, name="schema")
 app.add_typer(cli_simulate.app, name="simulate")
 app.add_typer(reproduce_app, name="reproduce")
+app.command()(cli_gains.gains)
 
 Recording = Annotated[
     Path, typer.Argument(help="A recording: a file, or a rosbag2 folder.", show_default=False)
