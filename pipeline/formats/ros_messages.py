@@ -24,7 +24,15 @@ from pipeline.formats.base import RecordingError, Series, unknown_name
 from pipeline.formats.payload import Schema, join_path
 from pipeline.formats.ros_types import Array, Node, Primitive, Struct, Text, distribution_type
 
-TYPES = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped")
+TYPES = (
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/MagneticField",
+    "sensor_msgs/msg/NavSatFix",
+    "geometry_msgs/msg/PointStamped",
+    "geometry_msgs/msg/QuaternionStamped",
+    "geometry_msgs/msg/TwistStamped",
+    "geometry_msgs/msg/Vector3Stamped",
+)
 """The message types that can be written."""
 
 _LATEST = 2**31 * 10**9
@@ -222,9 +230,9 @@ def _describe(type_: Struct, file: Any, done: set[str]) -> None:
             _describe(inner, file, done)
             field.type, field.type_name = kinds.TYPE_MESSAGE, f".{_PACKAGE}.{_last(inner)}"
         elif isinstance(inner, Primitive):
-            field.type = {
-                "int32": kinds.TYPE_INT32, "uint32": kinds.TYPE_UINT32, "float64": kinds.TYPE_DOUBLE
-            }[inner.name]  # fmt: skip
+            field.type = {"i": kinds.TYPE_INT32, "u": kinds.TYPE_UINT32, "f": kinds.TYPE_DOUBLE}[
+                np.dtype(inner.code).kind
+            ]
         else:
             field.type = kinds.TYPE_STRING
     file.message_type.append(message)

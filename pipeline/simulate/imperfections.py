@@ -24,6 +24,16 @@ _EFFECTS = (
     *("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise"),
     *("encoder noise", "coloured encoder noise", "outliers"),
     *("random error", "random angle error"),
+    *(
+        "inertial noise",
+        "inertial wander",
+        "aid noise",
+        "aid wander",
+        "aid bias",
+        "air",
+        "start",
+        "transport",
+    ),
 )
 """New ones go to the end: the place is part of the seed."""
 _MOST_JITTER = 0.45  # of a sample interval: the samples stay in their order

@@ -107,10 +107,10 @@ def _stream(stream: RecordedStream) -> list[str]:
     topic = [f"topic = {_toml(stream.topic)}"] if stream.topic else []
     scale = "" if stream.scale == 1 else f", scale = {_toml(stream.scale)}"
     wraps = "" if stream.wraps_at is None else f", wraps_at = {_toml(stream.wraps_at)}"
-    channels = [
-        f"channels.{channel} = {{ field = {_toml(path)}, unit = {_toml(stream.unit)}{scale}{wraps} }}"
-        for channel, path in stream.fields.items()
-    ]
+    channels = []
+    for channel, path in stream.fields.items():
+        unit = _toml(stream.units[channel])
+        channels.append(f"channels.{channel} = {{ field = {_toml(path)}, unit = {unit}{scale}{wraps} }}")
     return [f"[streams.{stream.name}]", *topic, f"quantity = {_toml(stream.quantity)}", *channels]
 
 

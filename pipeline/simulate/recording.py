@@ -141,7 +141,7 @@ def write_recording(
     beside = path.with_suffix(".toml"), path.with_suffix(".truth.json")
     with writing(path, SimulationError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        formats.write(path, [stream.series for stream in streams])
+        formats.write(path, list({id(stream.series): stream.series for stream in streams}.values()))
         beside[0].write_text(plan, encoding="utf-8")
         beside[1].write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
     return path, *beside

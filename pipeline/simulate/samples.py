@@ -26,13 +26,18 @@ Of the procedure `static`:
 
 ``static.mcap``
     Four hours of angle increments each 2 s, of each axis another noise, with a gap.
+
+Of the procedure `navigation`:
+
+``flight.mcap``
+    Three minutes from a catapult through two turns and a climb, half a minute of them without satellites.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from pathlib import Path
 from types import MappingProxyType
@@ -43,6 +48,9 @@ from pipeline.simulate.coning import ConingSettings, simulate_coning
 from pipeline.simulate.drift import simulate_drift
 from pipeline.simulate.drift_settings import DriftRun, DriftSettings, Encoder
 from pipeline.simulate.imperfections import EncoderErrors, GyroErrors, TimingErrors
+from pipeline.simulate.navigation import simulate_navigation
+from pipeline.simulate.navigation_scenarios import STRAIGHT, scenario
+from pipeline.simulate.navigation_settings import FlightSettings, Manoeuvre, NavigationSettings
 from pipeline.simulate.plan import Limit, Processing, paper_stages
 from pipeline.simulate.static import simulate_static
 from pipeline.simulate.static_settings import AxisErrors, StaticSettings
@@ -53,7 +61,7 @@ from pipeline.simulate.streams import AngleUnit
 class Sample:
     """One sample recording: what is simulated, with which seed, and how it is to be processed."""
 
-    settings: ConingSettings | DriftSettings | StaticSettings
+    settings: ConingSettings | DriftSettings | StaticSettings | NavigationSettings
     processing: Processing
     seed: int = 0
     angle_unit: AngleUnit = "rad"
@@ -62,6 +70,9 @@ class Sample:
         """Write it, with its test plan and its truth."""
         if isinstance(self.settings, DriftSettings):
             simulate_drift(self.settings, self.seed).write(path, processing=self.processing)
+        elif isinstance(self.settings, NavigationSettings):
+            flown = simulate_navigation(self.settings, self.seed)
+            flown.write(path, processing=self.processing, angle_unit=self.angle_unit)
         elif isinstance(self.settings, StaticSettings):
             record = simulate_static(self.settings, self.seed)
             record.write(path, processing=self.processing, angle_unit=self.angle_unit)
@@ -112,6 +123,23 @@ def _acceptance(undetermined: float = 0.0) -> tuple[Limit, ...]:
         Limit("undetermined_count", "gimbal", undetermined, None, "parameters that the runs cannot tell"),
         *(Limit(name, method, 0.1, None, "deg/h; the gyro's specification", lower=-0.1) for name in DRIFT),
     )
+
+
+def _flight() -> NavigationSettings:
+    """Three minutes with the errors of *diff*, at half its rates."""
+    flight: FlightSettings = replace(
+        STRAIGHT,
+        duration=180.0,
+        manoeuvres=(
+            Manoeuvre(kind="turn", start=30.0, length=30.0, amount=radians(90)),
+            Manoeuvre(kind="climb", start=50.0, length=40.0, amount=60.0),
+            Manoeuvre(kind="turn", start=75.0, length=30.0, amount=radians(-90)),
+        ),
+    )
+    full = scenario("diff", flight=flight, outages=((120.0, 30.0),))
+    slower = {name: replace(aid, rate=min(aid.rate, 10.0)) for name, aid in full.aids.items()}
+    del slower["attitude"]
+    return replace(full, rate=50.0, aids=slower)
 
 
 SAMPLES: Mapping[str, Sample] = MappingProxyType(
@@ -267,6 +295,23 @@ SAMPLES: Mapping[str, Sample] = MappingProxyType(
                 ),
             ),
             seed=10,
+        ),
+        "flight.mcap": Sample(
+            _flight(),
+            Processing(
+                "Three minutes of flight, half a minute without satellites",
+                "simulated aircraft",
+                limits=(
+                    Limit("horizontal_position_rms", "filter.aided", 1.5, None, "m; GNSS of 0.5 m"),
+                    Limit("velocity_rms", "filter.aided", 0.1, None, "m/s"),
+                    Limit("outage_drift", "filter", 15.0, None, "m; half a minute without satellites"),
+                    Limit("gyro_bias_error", "filter", 0.01, None, "deg/s; the bias is 0.045"),
+                    Limit("accelerometer_bias_error", "filter", 0.03, None, "m/s^2; the bias is 0.21"),
+                    Limit("horizontal_position_rms", "loops.aided", 3.0, None, "m"),
+                    Limit("outage_drift", "loops", 150.0, None, "m; the loops follow gusts and sideslip"),
+                ),
+            ),
+            seed=1,
         ),
     }
 )

@@ -81,10 +81,10 @@ class RecordedStream:
         Topic; "" in a text file.
     fields : mapping of str to str
         Field, or column of a text file, of each channel.
-    unit : str
-        Unit of the channels, after the scale.
+    units : mapping of str to str
+        Unit of each channel, after the scale.
     series : Series
-        What is written.
+        What is written; streams of one topic share it.
     scale : float
         Units a count.
     wraps_at : float, optional
@@ -95,7 +95,7 @@ class RecordedStream:
     quantity: str
     topic: str
     fields: Mapping[str, str]
-    unit: str
+    units: Mapping[str, str]
     series: Series
     scale: float = 1.0
     wraps_at: float | None = None
@@ -114,7 +114,8 @@ def as_messages(
         header_stamp=recorded.header_stamp,
         columns={path: recorded.values[:, k] for k, path in enumerate(fields.values())},
     )
-    return RecordedStream(name, quantity, series.topic, fields, message.unit, series)
+    units = dict.fromkeys(fields, message.unit)
+    return RecordedStream(name, quantity, series.topic, fields, units, series)
 
 
 def as_columns(
@@ -136,7 +137,7 @@ def as_columns(
         header_stamp=recorded.header_stamp,
         columns={path: values[:, k] for k, path in enumerate(fields.values())},
     )
-    return RecordedStream(name, quantity, "", fields, unit, series)
+    return RecordedStream(name, quantity, "", fields, dict.fromkeys(fields, unit), series)
 
 
 def gimbal(
@@ -170,7 +171,8 @@ def gimbal(
     topic = "" if text else series.topic
     turn = 360.0 if unit == "deg" else 2 * np.pi
     scale = turn / counts if counts else 1.0
-    return RecordedStream("gimbal", "gimbal_angles", topic, fields, unit, series, scale, wraps_at)
+    units = dict.fromkeys(fields, unit)
+    return RecordedStream("gimbal", "gimbal_angles", topic, fields, units, series, scale, wraps_at)
 
 
 def turntable(
@@ -201,4 +203,5 @@ def turntable(
         columns={path: recorded.values[:, 0]},
     )
     topic = "" if text else series.topic
-    return RecordedStream("turntable", quantity, topic, {channel: path}, unit, series, 1.0, wraps_at)
+    fields, units = {channel: path}, {channel: unit}
+    return RecordedStream("turntable", quantity, topic, fields, units, series, 1.0, wraps_at)
