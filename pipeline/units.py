@@ -19,6 +19,8 @@ _ANGLE = {
     "arcsec": _DEGREE / 3600,
     "rev": 2 * math.pi,
 }
+_LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
+_GRAVITY = 9.80665
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 
 FACTORS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -34,6 +36,25 @@ FACTORS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
         "time": _TIME,
         "pure number": {"1": 1.0},
+        "length": _LENGTH,
+        "speed": {
+            **{
+                f"{length}/{time}": _LENGTH[length] / _TIME[time]
+                for length in _LENGTH
+                for time in ("s", "min", "h")
+            },
+            "kn": 1852 / 3600,
+            "mph": 1609.344 / 3600,
+        },
+        "acceleration": {
+            "m/s^2": 1.0,
+            "g": _GRAVITY,
+            "mg": _GRAVITY * 1e-3,
+            "cm/s^2": 1e-2,
+            "ft/s^2": 0.3048,
+        },
+        "magnetic flux density": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4, "mG": 1e-7},
+        "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "bar": 1e5, "inHg": 3386.389},
         "temperature": {"K": 1.0, "degC": 1.0, "degF": 5 / 9},
     }
 )
@@ -49,6 +70,11 @@ _ALIASES = {
     "msec": "ms", "usec": "us", "nsec": "ns", "minute": "min", "minutes": "min", "hr": "h", "hour": "h",
     "hours": "h", "turn": "rev", "turns": "rev", "r/min": "rpm", "dimensionless": "1",
     "unitless": "1", "°C": "degC", "ºC": "degC", "celsius": "degC", "Celsius": "degC", "C": "degC",
+    "metre": "m", "metres": "m", "meter": "m", "meters": "m", "feet": "ft", "foot": "ft", "kph": "km/h",
+    "kmh": "km/h", "knot": "kn", "knots": "kn", "kt": "kn", "kts": "kn", "m/s2": "m/s^2", "m/s²": "m/s^2",
+    "m/s/s": "m/s^2", "m/s**2": "m/s^2", "ms^-2": "m/s^2", "gee": "g", "g0": "g",
+    "tesla": "T", "µT": "uT", "μT": "uT", "microtesla": "uT", "nanotesla": "nT", "gauss": "G", "Gauss": "G",
+    "mGauss": "mG", "milligauss": "mG", "mbar": "hPa", "millibar": "hPa", "pascal": "Pa", "Pascal": "Pa",
     "°F": "degF", "fahrenheit": "degF", "Fahrenheit": "degF", "kelvin": "K", "Kelvin": "K",
 }  # fmt: skip
 

@@ -14,6 +14,7 @@ from pipeline.numerics.alignment import Cumulative, Increments, integrals_of_rat
 from pipeline.numerics.rotation import quaternion_from_euler_krylov
 from pipeline.numerics.sampling import Intervals, intervals
 from pipeline.numerics.time_grid import advancing
+from pipeline.stages._navigation_streams import CHANNELS as NAVIGATION
 from pipeline.stages.base import ANGLES, Tables
 
 CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -23,6 +24,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "reference": ANGLES,
         "turntable": ("angle", "rate"),
         "gimbal": ("alpha1", "alpha2"),
+        **NAVIGATION,
     }
 )
 """The channels of each stream table."""

@@ -8,12 +8,13 @@ Severity
 --------
 error
     The stream cannot serve: fewer than two samples, a channel without any finite value, a unit that
-    the reference, or the Earth rate that gimbal angles imply, contradicts, an inner gimbal at 90 degrees.
+    the reference, gravity, the Earth's field or the Earth rate that gimbal angles imply contradicts, an inner
+    gimbal at 90 degrees, positions that do not move as their velocity says, streams without a common time.
 warning
     Samples that a later stage leaves out, bridges or takes at face value though they may be wrong: gaps,
     stamps that do not advance, batches, jitter, NaN, frozen, clipped and spiking samples, a channel that is
-    zero while others move, a rate that no gyro reaches, gimbal angles that do not turn with the Earth, clocks
-    that drift or jump.
+    zero while others move, a rate that no gyro reaches, positions that jump, gimbal angles that do not turn
+    with the Earth, clocks that drift or jump.
 info
     What is worth knowing and needs no treatment: how clocks differ, a clock that stands still, a channel of
     one value, values held over several samples, a steady stretch that the reference confirms.
@@ -26,19 +27,29 @@ import pyarrow as pa
 from pydantic import Field
 
 from pipeline.stages._audit_gimbal import audit_earth_rate, of_all_runs
+from pipeline.stages._audit_navigation import SENSORS, audit_aid, audit_size, judge_together
 from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_time import audit_clocks, audit_stamps
 from pipeline.stages._audit_units import Comparison, audit_attitude, audit_units, compare
 from pipeline.stages._audit_values import Thresholds, audit_missing, audit_values
 from pipeline.stages._gimbal_samples import gimbal_runs
+from pipeline.stages._navigation_streams import TABLES as NAVIGATION
 from pipeline.stages._streams import recorded
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Severity, Stand, Tables, counted, rows
 
 CONSUMES: tuple[str, ...] = ()
-MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments", "reference", "turntable", "gimbal", "runs")
+MAY_CONSUME: tuple[str, ...] = (
+    "gyro",
+    "gyro_increments",
+    "reference",
+    "turntable",
+    "gimbal",
+    "runs",
+    *NAVIGATION,
+)
 PRODUCES: tuple[str, ...] = ("findings", "metrics")
-_STREAMS = ("gyro", "gyro_increments", "reference", "turntable")
+_STREAMS = ("gyro", "gyro_increments", "reference", "turntable", *NAVIGATION)
 """One stream a table; of ``gimbal`` each run is one."""
 
 METRICS = (
@@ -59,6 +70,9 @@ METRICS = (
     "spike_count",
     "rotation_ratio",
     "implied_earth_rate",
+    "specific_force_ratio",
+    "magnetic_field",
+    "position_velocity_mismatch",
     "error_count",
     "warning_count",
 )
@@ -113,6 +127,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         reports = [
             _marked(tables[stream], stream, settings, comparison) for stream in _STREAMS if stream in tables
         ]
+        judge_together(reports, tables)
         if "gimbal" in tables and "runs" in tables:
             reports.append(_gimbal(tables["gimbal"], tables["runs"], settings))
     for report in reports:
@@ -160,6 +175,9 @@ def _marked(
     if stream == "turntable":  # a table stands, turns evenly or steps: nothing of that is a fault
         audit_missing(report, channels)
         return report
+    if stream in NAVIGATION and stream not in SENSORS:
+        audit_aid(report, table, settings.frozen_samples)
+        return report
     audit_values(
         report,
         channels,
@@ -169,6 +187,8 @@ def _marked(
     )
     if stream == "reference":
         audit_attitude(report, channels["theta"])
+    elif stream in SENSORS:
+        audit_size(report, channels, regular)
     elif stream != "gimbal":
         values = np.column_stack(list(channels.values()))
         audit_units(

@@ -16,7 +16,17 @@ from pipeline import units
 from pipeline.formats.base import CLOCKS, TextLayout
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages.base import Settings as _Settings
-from pipeline.stages.quantities import IN_PART, QUANTITIES, STREAMS, TURNED, WRAPPING, Quantity, StreamName
+from pipeline.stages.quantities import (
+    ATTITUDES,
+    IN_PART,
+    OPTIONAL,
+    QUANTITIES,
+    STREAMS,
+    TURNED,
+    WRAPPING,
+    Quantity,
+    StreamName,
+)
 
 ORTHONORMAL = 1e-6
 """Largest deviation of ``R Rᵀ`` from unity: a matrix written with seven decimals passes, one with six may
@@ -138,7 +148,7 @@ class Stream(_Settings):
     time: Clock | None = Field(None, description="clock of this stream, in place of [time]")
     channels: dict[str, Channel] = Field(
         min_length=1,
-        description="p, q, r; psi, theta, gamma; w, x, y, z; alpha1, alpha2; angle; or rate",
+        description="of the quantity: p, q, r; psi, theta, gamma; w, x, y, z; alpha1, alpha2; x, y, z; …",
     )
     rotation: Rotation | None = Field(
         None, description="rows of the rotation matrix from the sensor's axes to the body axes"
@@ -146,7 +156,7 @@ class Stream(_Settings):
     reference_rotation: Rotation | None = Field(
         None,
         description="rows of the rotation matrix from the axes that the reference reports in to the "
-        "reference axes (axis 2 is that of psi)",
+        "reference axes (axis 2 is that of psi); of navigation to north, east, down",
     )
 
 
@@ -208,8 +218,8 @@ def channel_faults(name: StreamName, stream: Stream) -> list[Fault]:
 
 def _axes_faults(name: StreamName, stream: Stream) -> Iterator[Fault]:
     """Rotations of axes in a stream that has none to turn."""
-    if stream.reference_rotation is not None and name != "reference":
-        expected = "reference_rotation only in the stream 'reference'"
+    if stream.reference_rotation is not None and name not in ATTITUDES:
+        expected = f"reference_rotation only in the streams {', '.join(map(repr, ATTITUDES))}"
         remedy = "use rotation, which turns the sensor's axes to the body axes"
         if name == "gimbal":
             remedy = "remove it; scheme or chi_deg of [stand] says how the base is turned"
@@ -235,7 +245,8 @@ def _wrap_faults(stream: Stream) -> Iterator[Fault]:
 
 def missing_channels(stream: Stream) -> Iterator[Fault]:
     """The channels that a stream lacks, as one fault; its key is from the stream."""
-    needed = QUANTITIES[stream.quantity]
+    optional = OPTIONAL.get(stream.quantity, ())
+    needed = [channel for channel in QUANTITIES[stream.quantity] if channel not in optional]
     missing = [channel for channel in needed if channel not in stream.channels]
     if missing:
         expected = f"the channels {', '.join(needed)} for quantity {stream.quantity!r}"

@@ -24,6 +24,7 @@ from pydantic import Field, field_validator, model_validator
 from pipeline import formats
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages._file_findings import contradicted_units, losses, uncertain_times
+from pipeline.stages._navigation_streams import TABLES as NAVIGATION
 from pipeline.stages._runs import Run, further_recordings, inside, listed, run_faults, runs_table
 from pipeline.stages._samples import Findings, Samples, read_samples, request
 from pipeline.stages._stream_tables import columns_of, stream_table
@@ -34,7 +35,17 @@ from pipeline.stages.quantities import StreamName
 
 CONSUMES: tuple[str, ...] = ()
 MAY_CONSUME: tuple[str, ...] = ()
-PRODUCES = ("gyro", "gyro_increments", "reference", "turntable", "temperature", "gimbal", "runs", "findings")
+PRODUCES = (
+    "gyro",
+    "gyro_increments",
+    "reference",
+    "turntable",
+    "temperature",
+    "gimbal",
+    "runs",
+    *NAVIGATION,
+    "findings",
+)
 METRICS: tuple[str, ...] = ()
 
 
@@ -104,7 +115,8 @@ def run(recording: Path, settings: Settings, stand: Stand) -> dict[str, pa.Table
     -------
     dict
         ``gyro`` or ``gyro_increments``, ``reference``, ``turntable``, ``temperature``, and ``gimbal`` with
-        ``runs``, as far as the plan maps them; ``findings``: losses and what was missing.
+        ``runs``, and those of a navigation, as far as the plan maps them; ``findings``: losses and what was
+        missing.
 
     Raises
     ------

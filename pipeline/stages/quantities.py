@@ -16,6 +16,16 @@ StreamName = Literal[
     "gimbal",
     "turntable",
     "temperature",
+    "accelerometer",
+    "gnss_position",
+    "gnss_velocity",
+    "airspeed",
+    "barometer",
+    "magnetometer",
+    "external_attitude",
+    "truth_position",
+    "truth_velocity",
+    "truth_attitude",
 ]
 Quantity = Literal[
     "angular_rate",
@@ -26,9 +36,19 @@ Quantity = Literal[
     "table_angle",
     "table_rate",
     "temperature",
+    "specific_force",
+    "velocity_increment",
+    "geodetic_position",
+    "ned_velocity",
+    "airspeed",
+    "pressure_altitude",
+    "static_pressure",
+    "magnetic_field",
+    "yaw_pitch_roll",
 ]
 
 _ANGLE, _RATE, _NUMBER = "angle", "angular rate", "pure number"
+_LENGTH, _SPEED, _FORCE, _FIELD = "length", "speed", "acceleration", "magnetic flux density"
 
 QUANTITIES: Mapping[Quantity, Mapping[str, str]] = MappingProxyType(
     {
@@ -40,9 +60,21 @@ QUANTITIES: Mapping[Quantity, Mapping[str, str]] = MappingProxyType(
         "table_angle": {"angle": _ANGLE},
         "table_rate": {"rate": _RATE},
         "temperature": {"temperature": "temperature"},
+        "specific_force": {"x": _FORCE, "y": _FORCE, "z": _FORCE},
+        "velocity_increment": {"x": _SPEED, "y": _SPEED, "z": _SPEED},
+        "geodetic_position": {"latitude": _ANGLE, "longitude": _ANGLE, "height": _LENGTH, "fix": _NUMBER},
+        "ned_velocity": {"north": _SPEED, "east": _SPEED, "down": _SPEED},
+        "airspeed": {"airspeed": _SPEED},
+        "pressure_altitude": {"altitude": _LENGTH},
+        "static_pressure": {"pressure": "pressure"},
+        "magnetic_field": {"x": _FIELD, "y": _FIELD, "z": _FIELD},
+        "yaw_pitch_roll": {"yaw": _ANGLE, "pitch": _ANGLE, "roll": _ANGLE},
     }
 )
 """The channels of each quantity, in order, and what their units measure."""
+
+OPTIONAL: Mapping[Quantity, tuple[str, ...]] = MappingProxyType({"geodetic_position": ("fix",)})
+"""Channels that a quantity may have, and serves without."""
 
 STREAMS: Mapping[StreamName, tuple[Quantity, ...]] = MappingProxyType(
     {
@@ -51,6 +83,16 @@ STREAMS: Mapping[StreamName, tuple[Quantity, ...]] = MappingProxyType(
         "gimbal": ("gimbal_angles",),
         "turntable": ("table_angle", "table_rate"),
         "temperature": ("temperature",),
+        "accelerometer": ("specific_force", "velocity_increment"),
+        "gnss_position": ("geodetic_position",),
+        "gnss_velocity": ("ned_velocity",),
+        "airspeed": ("airspeed",),
+        "barometer": ("pressure_altitude", "static_pressure"),
+        "magnetometer": ("magnetic_field",),
+        "external_attitude": ("quaternion", "yaw_pitch_roll"),
+        "truth_position": ("geodetic_position",),
+        "truth_velocity": ("ned_velocity",),
+        "truth_attitude": ("quaternion", "yaw_pitch_roll"),
     }
 )
 """The quantities that each stream may record."""
@@ -61,5 +103,8 @@ IN_PART: tuple[StreamName, ...] = ("gyro",)
 WRAPPING: tuple[Quantity, ...] = ("gimbal_angles", "table_angle")
 """Quantities of encoders, which may begin again at 0."""
 
-TURNED: tuple[StreamName, ...] = ("gyro", "reference")
+ATTITUDES: tuple[StreamName, ...] = ("reference", "external_attitude", "truth_attitude")
+"""Streams that tell an attitude: the axes that it is told in may be turned too."""
+
+TURNED: tuple[StreamName, ...] = ("gyro", "accelerometer", "magnetometer", *ATTITUDES)
 """Streams whose axes a rotation of the plan may turn to those of the body."""

@@ -42,6 +42,20 @@ _AXES = {
     "quaternion": (("w", "x", "y", "z"),),
 }
 _EULER_KRYLOV = ("psi", "theta", "gamma")
+_BY_TYPE: dict[str, tuple[StreamName, Quantity, tuple[str, ...]]] = {
+    "Imu": ("accelerometer", "specific_force", tuple(f"linear_acceleration.{a}" for a in "xyz")),
+    "NavSatFix": (
+        "gnss_position",
+        "geodetic_position",
+        ("latitude", "longitude", "altitude", "status.status"),
+    ),
+    "MagneticField": ("magnetometer", "magnetic_field", tuple(f"magnetic_field.{a}" for a in "xyz")),
+    "FluidPressure": ("barometer", "static_pressure", ("fluid_pressure",)),
+}
+"""Streams of a navigation that a message's type tells, and the fields of their channels."""
+
+AIDS = tuple(stream for stream, *_ in _BY_TYPE.values())
+"""Those streams: beside a gyro that does not move they are of no use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +80,7 @@ class Candidate:
 
 
 def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
-    """What may be a gyro, a reference, a gimbal or a table, by the names of fields, in their order."""
+    """What may be a stream, by the names of fields and the types of messages, in their order."""
     found = []
     for topic in topics:
         components = _components(topic)
@@ -86,9 +100,20 @@ def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
             fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
             found.append(Candidate("reference", "euler_krylov", topic, fields))
         found += [Candidate("gimbal", "gimbal_angles", topic, pair) for pair in _gimbal_pairs(topic)]
+        found += _by_type(topic)
         taken = {one.path for c in found if c.topic is topic for one in c.fields}
         found += _tables(topic, taken)
     return found
+
+
+def _by_type(topic: Topic) -> Iterator[Candidate]:
+    """What the type of the message says that it is."""
+    known = _BY_TYPE.get(topic.message_type.rsplit("/", maxsplit=1)[-1])
+    if known is not None:
+        stream, quantity, paths = known
+        there = {one.path: one for one in topic.fields}
+        if all(path in there for path in paths):
+            yield Candidate(stream, quantity, topic, tuple(there[path] for path in paths))
 
 
 def bare(path: str) -> str:

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from pipeline import units
 from pipeline.formats.base import Field, Inspection, Topic
-from pipeline.stages.quantities import QUANTITIES, StreamName
-from pipeline.testplan.candidates import Candidate, bare, find_candidates
+from pipeline.stages.quantities import QUANTITIES, TURNED, StreamName
+from pipeline.testplan.candidates import AIDS, Candidate, bare, find_candidates
 from pipeline.testplan.load import own_plan
 
 _WIDTH = 110
@@ -29,14 +29,53 @@ _TIME = re.compile(r"^t(?:_(?:s|sec|ms|us|ns))?$|^(?i:seconds)$|(?i:time|stamp|e
 """A lower-case t alone is a time, a capital one a temperature."""
 _COUNTER = re.compile(r"packet|count|seq|sample|index|frame", re.IGNORECASE)
 
-_DEFINED = {"Imu": "rad/s", "JointState": "rad"}
-"""Units that the definition of a message states, where the file does not."""
+_DEFINED = {
+    ("Imu", "angular rate"): "rad/s",
+    ("Imu", "acceleration"): "m/s^2",
+    ("JointState", "angle"): "rad",
+    ("NavSatFix", "angle"): "deg",
+    ("NavSatFix", "length"): "m",
+    ("MagneticField", "magnetic flux density"): "T",
+    ("FluidPressure", "pressure"): "Pa",
+}
+"""Units that the definition of a message states, where the file does not, by what they measure."""
+
+_USUAL = {
+    "angular rate": "rad/s or deg/s",
+    "angle": "rad or deg",
+    "time": "s, ms, us or ns",
+    "acceleration": "m/s^2 or g",
+    "length": "m or ft",
+    "magnetic flux density": "T, uT or G",
+    "pressure": "Pa or hPa",
+}
+"""Units that a blank may be filled in with."""
+
+_OF_VEHICLE: Mapping[StreamName, StreamName] = {"reference": "external_attitude"}
+"""What a stream is called where the gyro moves."""
+
+_NAVIGATE = (
+    "[navigate]",
+    'start_attitude = ""    # FILL IN: levelled (at rest), external_attitude; or plan, and state it below',
+    '# start_velocity = "rest"    # without a stream gnss_velocity: at rest, or plan',
+    "# [navigate.start]",
+    "# yaw_deg = 0.0    # and pitch_deg, roll_deg, latitude_deg, longitude_deg, height_m, velocity_m_s",
+    "",
+)
+_EARTH_FIELD = (
+    "[navigate.earth_field]    # FILL IN: numbers without quotes; see ngdc.noaa.gov/geomag",
+    'strength_ut = ""',
+    'dip_deg = ""    # positive down',
+    'declination_deg = ""    # positive to the east',
+    "",
+)
 
 _STAND = {
     "coning": (
         "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
     ),
     "static": (),
+    "navigation": (),
     "drift": (
         'latitude_deg = ""    # FILL IN: degrees north, a number without quotes',
         'scheme = ""    # FILL IN: polar, equatorial, horizontal, vertical; or chi_deg = [chi1, chi2, chi3]',
@@ -49,6 +88,10 @@ _GYRO_ALONE = (
     "# at rest, or on a table that turns evenly.",
 )
 """What is said of the procedures of a gyro without a reference."""
+
+_ROTATION = (
+    "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
+)
 
 _PART = "# The procedure static does with any of p, q and r: remove the others."
 
@@ -72,6 +115,7 @@ _LIMIT = {
         "upper = 0.2",
         "marginal_upper = 0.15",
     ),
+    "navigation": ('metric = "horizontal_residual_rms"', 'channel = "filter"', "upper = 5.0"),
     "static": ('metric = "lost_count"', 'channel = "gyro"', "upper = 0"),
     "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
 }
@@ -105,19 +149,27 @@ def initial_plan(inspection: Inspection) -> str:
     candidates = find_candidates(inspection.topics)
     gyro = _first(candidates, "gyro")
     gimbal = _first(candidates, "gimbal")
+    moving = _moving(candidates, gyro)
+    if moving:
+        candidates = [replace(c, stream=_OF_VEHICLE.get(c.stream, c.stream)) for c in candidates]
+    else:
+        candidates = [c for c in candidates if c.stream not in AIDS]
     second = _first([c for c in candidates if not c.also_rates and c.is_named_so], "reference")
-    table = _first(candidates, "turntable") if second is None else None
+    table = _first(candidates, "turntable") if second is None and not moving else None
     procedure = "coning" if table is None else "static"
+    if moving:
+        procedure = "navigation"
     if gyro is None and gimbal is not None:
         procedure = "drift"
-    chosen = [c for c in ((gimbal,) if procedure == "drift" else (gyro, second, table)) if c is not None]
+    wanted = (gimbal,) if procedure == "drift" else (gyro, second, table, *moving)
+    chosen = [c for c in wanted if c is not None]
     name = own_plan(inspection.path).name
     plan = _Plan()
     plan.add(
         f"# Test plan for {escaped(inspection.path.name)} ({inspection.format}), by 'gyrostand plan init'.",
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
-        *(_GYRO_ALONE if procedure != "drift" and second is None else ()),
+        *(_GYRO_ALONE if procedure not in ("drift", "navigation") and second is None else ()),
         f'procedure = "{procedure}"',
         'title = ""',
         "",
@@ -131,6 +183,8 @@ def initial_plan(inspection: Inspection) -> str:
         _add_stream(plan, "gyro", None, inspection.topics)
     for candidate in chosen:
         _add_stream(plan, candidate.stream, candidate, inspection.topics)
+    if procedure == "navigation":
+        plan.add(*_NAVIGATE, *(_EARTH_FIELD if _first(chosen, "magnetometer") else ()))
     _add_alternatives(plan, [c for c in candidates if c not in chosen])
     _add_limits(plan, procedure)
     _add_rest(plan, inspection.topics)
@@ -139,6 +193,18 @@ def initial_plan(inspection: Inspection) -> str:
 
 def _first(candidates: Sequence[Candidate], stream: StreamName) -> Candidate | None:
     return next((c for c in candidates if c.stream == stream), None)
+
+
+def _moving(candidates: Sequence[Candidate], gyro: Candidate | None) -> tuple[Candidate, ...]:
+    """The further streams of a vehicle, where satellites tell its place; else none."""
+    if gyro is None or _first(candidates, "gnss_position") is None:
+        return ()
+    own = [c for c in candidates if c.stream == "accelerometer" and c.topic is gyro.topic]
+    force = _first(own or candidates, "accelerometer")
+    if force is None:
+        return ()
+    aids: tuple[StreamName, ...] = ("gnss_position", "magnetometer", "barometer")
+    return (force, *(c for c in (_first(candidates, aid) for aid in aids) if c is not None))
 
 
 def quoted(text: str) -> str:
@@ -220,9 +286,8 @@ def _add_stream(plan: _Plan, name: StreamName, candidate: Candidate | None, topi
             "",
         )
         return
-    plan.add(
-        "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
-    )
+    if name in TURNED:
+        plan.add(_ROTATION)
     if name == "reference":
         plan.add(
             "# reference_rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: to axes of which 2 is psi's"
@@ -237,7 +302,7 @@ def _stream_lines(candidate: Candidate) -> Iterator[str]:
         yield f"topic = {quoted(topic.name)}    # {about}"
     yield f'quantity = "{candidate.quantity}"'
     channels = QUANTITIES[candidate.quantity]
-    for (channel, of), one in zip(channels.items(), candidate.fields, strict=True):
+    for (channel, of), one in zip(channels.items(), candidate.fields, strict=False):  # some may lack
         unit, remark = _unit(one, of, topic.message_type)
         yield f"channels.{channel} = {{ field = {quoted(one.path)}, unit = {quoted(unit)} }}{remark}"
 
@@ -258,11 +323,10 @@ def _unit(one: Field, of: str, message_type: str = "") -> tuple[str, str]:
         return "1", ""
     if one.unit and units.factor(one.unit, of) is not None:
         return units.canonical(one.unit), ""
-    usual = {"angular rate": "rad/s or deg/s", "angle": "rad or deg", "time": "s, ms, us or ns"}[of]
     stated = f"; the file says {escaped(one.unit)!r}" if one.unit else ""
-    kind = message_type.rsplit("/", maxsplit=1)[-1]
+    kind = message_type.rsplit("/", maxsplit=1)[-1], of
     defined = f"; the message is defined in {_DEFINED[kind]}" if kind in _DEFINED else ""
-    return "", f"    # FILL IN: {usual}{stated}{defined}"
+    return "", f"    # FILL IN: {_USUAL[of]}{stated}{defined}"
 
 
 def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
@@ -270,7 +334,7 @@ def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
     for candidate in others:
         why = " (of the message that holds rates: the sensor's own estimate, seldom a reference)"
         plan.add(
-            f"# Also looks like a {candidate.stream}"
+            f"# Also looks like {'an' if candidate.stream[0] in 'ae' else 'a'} {candidate.stream}"
             + (why if candidate.stream == "reference" and candidate.also_rates else "")
             + ":",
             f"# [streams.{candidate.stream}]",

@@ -14,6 +14,7 @@ from pipeline.errors import ExitCode
 from pipeline.procedures import NEEDS, PROCEDURES
 from pipeline.stages import ingest
 from pipeline.stages.base import Stand
+from pipeline.stages.quantities import STREAMS
 from pipeline.testplan import PlanError, load_plan, named_recordings
 
 GOOD = """\
@@ -201,7 +202,7 @@ def test_every_need_is_a_key_of_a_plan() -> None:
     for procedure, needs in NEEDS.items():
         assert procedure in PROCEDURES
         for section, name in (need.split(".") for need in needs):
-            known = Stand.model_fields if section == "stand" else ("gyro", "reference", "gimbal")
+            known = Stand.model_fields if section == "stand" else STREAMS
             assert section in ("stand", "streams")
             assert name in known
 

@@ -300,6 +300,62 @@ def test_a_message_with_rates_is_no_reference_of_itself() -> None:
     assert "the sensor's own estimate" in text
 
 
+def vehicle(*more: Topic) -> Inspection:
+    imu = " ".join(f"{kind}.{a}" for kind in ("angular_velocity", "linear_acceleration") for a in "xyz")
+    clocks = {"header_stamp": (1, 2)}
+    fix = table("/fix", "latitude longitude altitude status.status", clocks, "sensor_msgs/msg/NavSatFix")
+    topics = (table("/imu", imu, clocks, "sensor_msgs/msg/Imu"), fix, *more)
+    return Inspection(Path("run7.mcap"), "MCAP", topics, ())
+
+
+def test_a_gyro_with_satellites_begins_a_plan_of_navigation(tmp_path: Path) -> None:
+    field = " ".join(f"magnetic_field.{a}" for a in "xyz")
+    magnetic = table("/mag", field, {"header_stamp": (1, 2)}, "sensor_msgs/msg/MagneticField")
+    text = initial_plan(vehicle(magnetic))
+    plan = tomllib.loads(text)
+    assert plan["procedure"] == "navigation"
+    assert list(plan["streams"]) == ["gyro", "accelerometer", "gnss_position", "magnetometer"]
+    assert plan["streams"]["accelerometer"]["topic"] == plan["streams"]["gyro"]["topic"] == "/imu"
+    assert plan["streams"]["gnss_position"]["channels"]["fix"] == {"field": "status.status", "unit": "1"}
+    assert "the message is defined in deg" in text
+    assert "the message is defined in m/s^2" in text
+    assert "start_attitude" in loads(tmp_path, text)  # what must not be guessed is refused
+    for blank, filled in (
+        ('latitude", unit = ""', 'latitude", unit = "deg"'),
+        ('longitude", unit = ""', 'longitude", unit = "deg"'),
+        ('altitude", unit = ""', 'altitude", unit = "m"'),
+        ('start_attitude = ""', 'start_attitude = "levelled"'),
+        ('strength_ut = ""', "strength_ut = 52.0"),
+        ('dip_deg = ""', "dip_deg = 71.0"),
+        ('declination_deg = ""', "declination_deg = 11.0"),
+        ("# clock", "clock"),
+        *((f'magnetic_field.{a}", unit = ""', f'magnetic_field.{a}", unit = "T"') for a in "xyz"),
+        *((f'angular_velocity.{a}", unit = ""', f'angular_velocity.{a}", unit = "rad/s"') for a in "xyz"),
+        *(
+            (f'linear_acceleration.{a}", unit = ""', f'linear_acceleration.{a}", unit = "m/s^2"')
+            for a in "xyz"
+        ),
+    ):
+        assert blank in text
+        text = text.replace(blank, filled, 1)
+    assert loads(tmp_path, text) == ""
+
+
+def test_an_attitude_beside_satellites_is_offered_as_external() -> None:
+    pose = table("/reference", " ".join(f"quaternion.{a}" for a in "wxyz"), {"header_stamp": (1, 2)})
+    text = initial_plan(vehicle(pose))
+    assert tomllib.loads(text)["procedure"] == "navigation"
+    assert "# Also looks like an external_attitude:" in text
+
+
+def test_an_accelerometer_without_satellites_is_no_vehicle() -> None:
+    imu = " ".join(f"{kind}.{a}" for kind in ("angular_velocity", "linear_acceleration") for a in "xyz")
+    topic = table("/imu", imu, {"header_stamp": (1, 2)}, "sensor_msgs/msg/Imu")
+    text = initial_plan(Inspection(Path("run7.mcap"), "MCAP", (topic,), ()))
+    assert tomllib.loads(text)["procedure"] == "coning"
+    assert "accelerometer" not in text
+
+
 def test_a_recording_without_a_gyro_lists_what_it_holds(tmp_path: Path) -> None:
     joints = table("/joints", "position[0] velocity[0]", {"log_time": (0, 1)})
     lost = Topic("/lost", "a/B", "cdr", 1, (), {}, "no definition")
