@@ -183,16 +183,9 @@ def _as_lines(analysis: Analysis, interval: float) -> Iterator[str]:
     yield f"  damping          {analysis.damping:.3f}"
     yield f"  settling time    {analysis.settling_time:.1f} s"
     yield f"  spectral radius  {analysis.radius:.4f}" + ("" if analysis.radius < 1 else ": NOT STABLE")
-    for source, output, size in _noise_gains(analysis):
+    for (source, output), size in analysis.noise_gain.items():
         unit = "" if source == output else f" ({_FIX_UNITS[output]})/({_FIX_UNITS[source]})"
         yield f"  noise gain       {size:.3f}{unit} from {source} to {output}"
-
-
-def _noise_gains(analysis: Analysis) -> Iterator[tuple[str, str, float]]:
-    """From what, to what, and how much; the channel of the attitude has the shape of that of the velocity."""
-    of_attitude = "attitude" in analysis.channel.driven_by
-    for (source, output), size in analysis.noise_gain.items():
-        yield ("attitude", "attitude", size) if of_attitude else (source, output, size)
 
 
 def _written(p: complex) -> str:
@@ -216,7 +209,7 @@ def _as_dict(analysis: Analysis, interval: float) -> dict[str, Any]:
         "settling_time": {"value": _finite(analysis.settling_time), "unit": "s"},
         "noise_gain": [
             {"from": source, "to": output, "value": _finite(size)}
-            for source, output, size in _noise_gains(analysis)
+            for (source, output), size in analysis.noise_gain.items()
         ],
     }
 

@@ -32,6 +32,12 @@ PICTURES = {
         "drift_in_time": "//section[h2='Estimates in time']",
     },
     "equatorial_one": {"drift_told": "//section[h2='What the record can tell']"},
+    "flight": {
+        "navigation_track": "//section[h2='Track']",
+        "navigation_errors": "//section[h2='Errors by component']",
+        "navigation_biases": "//section[h2='Biases']",
+        "navigation_poles": "//section[h2='Poles of the loops']/div[@class='picture']",
+    },
     "static": {
         "static_allan": "//section[h2='Allan deviation']",
         "static_spectrum": "//section[h2='Spectrum']",
@@ -58,7 +64,7 @@ def crop(page: Path, folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as profile:
         for argument in ("headless=new", "no-sandbox", "disable-gpu", "no-first-run", "hide-scrollbars"):
             options.add_argument(f"--{argument}")
-        options.add_argument("--window-size=1240,9000")
+        options.add_argument("--window-size=1240,12000")
         options.add_argument("--force-device-scale-factor=1.5")
         options.add_argument(f"--user-data-dir={profile}")
         service = webdriver.ChromeService(

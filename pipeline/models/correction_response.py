@@ -190,7 +190,8 @@ def noise_gain(
     -------
     dict of (str, str) to float
         By ``("position" or "velocity" of the fix, "position" or "velocity" navigated)`` [m or m/s a m or
-        m/s]; infinite where the loop is not stable.
+        m/s], of the attitude's channel by ``("attitude", "attitude")`` [1]; infinite where the loop is not
+        stable.
     """
     settings = {"step": step, "interval": interval}
     M = sampled_matrix(channel, reference=reference, **settings)
@@ -215,6 +216,8 @@ def noise_gain(
         for output, row in outputs.items():
             seen = row[places]
             gains[source, output] = float(np.sqrt(seen @ P @ seen)) if P is not None else float("inf")
+    if "attitude" in channel.driven_by:  # which has the shape of the channel that measures the velocity
+        return {("attitude", "attitude"): gains["velocity", "velocity"]}
     return gains
 
 

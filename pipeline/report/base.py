@@ -43,6 +43,7 @@ FIGURES: Mapping[str, str] = MappingProxyType(
     {
         "coning": "pipeline.report.coning",
         "drift": "pipeline.report.drift",
+        "navigation": "pipeline.report.navigation",
         "static": "pipeline.report.static",
     }
 )
@@ -77,7 +78,16 @@ def times(table: pa.Table, name: str = "time") -> NDArray[np.int64]:
     return np.asarray(table.column(name).drop_null().to_numpy(), dtype=np.int64)
 
 
-_KEEP_TIME = ("attitude", "rates", "trajectory", "gyro", "gyro_increments", "gimbal", "reference")
+_KEEP_TIME = (
+    "attitude",
+    "rates",
+    "trajectory",
+    "navigation",
+    "gyro",
+    "gyro_increments",
+    "gimbal",
+    "reference",
+)
 
 
 def record_clock(tables: Tables) -> Clock | None:

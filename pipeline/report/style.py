@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -110,6 +110,17 @@ def plane(x_label: str, y_label: str, *, height: int, equal: bool) -> figure:
     made.toolbar.active_drag = zoom
     made.yaxis.ticker = BasicTicker(desired_num_ticks=6)
     return made
+
+
+def frame(made: figure, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Let a plane show at least this; of one scale for both, one range goes farther.
+
+    The ranges follow points at the corners, since Bokeh keeps only ranges that follow data to one scale.
+    """
+    source = ColumnDataSource({"x": list(x), "y": list(y)})
+    corners = made.scatter("x", "y", source=source, size=0, fill_alpha=0.0, line_alpha=0.0)
+    made.x_range = DataRange1d(renderers=[corners], range_padding=0.0)
+    made.y_range = DataRange1d(renderers=[corners], range_padding=0.0)
 
 
 def curve(
@@ -238,6 +249,28 @@ def legend(made: figure, items: Sequence[tuple[str, Sequence[Drawn]]]) -> None:
         "above",
     )
     make_room(made, 30)
+
+
+def legend_strip(items: Mapping[str, Sequence[Drawn]], left: int) -> figure:
+    """A legend without a frame, over the whole width, for the figures below it; ``left`` in pixels.
+
+    What it shows beside a name is drawn in it once more, out of its sight.
+    """
+    made = figure(
+        height=1,
+        x_range=span(-2.0, -1.0),
+        y_range=span(-2.0, -1.0),
+        toolbar_location=None,
+        sizing_mode="stretch_width",
+        min_border=0,
+        min_border_left=left,
+        outline_line_color=None,
+    )
+    made.axis.visible = made.grid.visible = False
+    point = ColumnDataSource({"x": [0.0], "y": [0.0]})
+    own = {word: made.add_glyph(point, drawn[0].glyph) for word, drawn in items.items()}
+    legend(made, [(word, [own[word], *drawn]) for word, drawn in items.items()])
+    return made
 
 
 def grid(rows: Sequence[Sequence[figure | None]]) -> GridPlot:

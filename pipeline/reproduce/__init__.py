@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pipeline.reproduce.godorov import godorov
 from pipeline.reproduce.gubarenko import gubarenko
+from pipeline.reproduce.panov import Panov, panov
 from pipeline.reproduce.rows import Row, as_text
 from pipeline.reproduce.yang import yang
 
-__all__ = ["Row", "as_text", "godorov", "gubarenko", "yang"]
+__all__ = ["Panov", "Row", "as_text", "godorov", "gubarenko", "panov", "yang"]

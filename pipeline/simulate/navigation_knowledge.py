@@ -17,17 +17,18 @@ from pipeline.simulate.navigation_settings import Aid, GaussMarkov, NavigationSe
 LEAST: Mapping[AidName, float] = {
     "position": 1e-3,
     "velocity": 1e-3,
-    "airspeed": 0.03,
+    "airspeed": 0.025,
     "altitude": 1e-3,
     "magnetic_field": 1e-9,
     "attitude": 1e-4,
 }
-"""Least white noise of a measurement. Air speed: gusts across the flow, 0.26 m/s in 0.2 s, times the sine of the
-angle by which a wind of 5 m/s that it cannot see turns the flow."""
+"""Least white noise of a measurement. Air speed: gusts across the flow, 0.26 m/s in 0.2 s, times the sine of
+the angle by which a wind of 5 m/s that it cannot see turns the flow."""
 
-ACCELEROMETER_WALK, GYRO_WALK = 1e-5, 1e-8
-"""Random walk of biases that are constant [m/s^2/sqrt(s)], [rad/s/sqrt(s)]: as the estimated attitude wanders by 1e-3
-rad, the axes of a constant bias seem to turn, and a filter that holds it for constant learns from that."""
+ACCELEROMETER_WALK, GYRO_WALK = 3e-6, 1e-8
+"""Random walk of biases that are constant [m/s^2/sqrt(s)], [rad/s/sqrt(s)]: as the estimated attitude wanders
+by 1e-3 rad, the axes of a constant bias seem to turn, and a filter that holds it for constant learns from
+that."""
 
 ACCELEROMETER_BIAS, GYRO_BIAS, WIND, BAROMETER_BIAS = 0.2, 1e-3, 6.0, 5.0
 """Standard deviations of what is constant in the simulation, and not drawn [m/s^2], [rad/s], [m/s], [m]."""
@@ -46,8 +47,8 @@ def honest_settings(simulated: NavigationSettings) -> told.FilterSettings:
     Returns
     -------
     FilterSettings
-        18 states and what is coloured. Air speed is used above 20 m/s only: below, what it says of the wind is
-        not linear in it.
+        18 states and what is coloured. Air speed is used above 20 m/s only: below, what it says of the wind
+        is not linear in it.
     """
     aids, errors = simulated.aids, simulated.errors
     begun = simulated.start_errors

@@ -209,13 +209,13 @@ def audit_overlap(report: StreamReport, gyro: Int) -> None:
     report.say(
         "no common time",
         "error",
-        f"records from {own.min() * 1e-9:.3f} to {own.max() * 1e-9:.3f} s, the gyro from "
-        f"{gyro.min() * 1e-9:.3f} to {gyro.max() * 1e-9:.3f} s: choose the same clock for both",
+        f"records from {own.min() / 1e9:.3f} to {own.max() / 1e9:.3f} s, the gyro from "
+        f"{gyro.min() / 1e9:.3f} to {gyro.max() / 1e9:.3f} s: choose the same clock for both",
     )
 
 
 def audit_position(report: StreamReport, table: pa.Table, tables: Tables) -> None:
-    """Whether a latitude is one, and positions move as the velocity, or the air speed, says."""
+    """Whether a latitude is one, and positions move as the velocity by satellites says."""
     names = CHANNELS["gnss_position"]
     values = np.stack([table.column(name).to_numpy() for name in names], axis=1)
     finite = np.isfinite(values).all(axis=1)
@@ -223,7 +223,7 @@ def audit_position(report: StreamReport, table: pa.Table, tables: Tables) -> Non
     beyond = int(np.count_nonzero(np.abs(values[:, 0]) > np.pi / 2))
     if beyond:
         largest = float(np.degrees(np.abs(values[:, 0]).max()))
-        swapped = bool((np.abs(values[:, 1]) <= np.pi / 2).all())
+        swapped = largest <= 180 and bool((np.abs(values[:, 1]) <= np.pi / 2).all())
         report.say(
             "implausible position",
             "error",
@@ -245,7 +245,7 @@ def audit_position(report: StreamReport, table: pa.Table, tables: Tables) -> Non
 
 
 def _audit_ways(report: StreamReport, time: Int, values: Float, tables: Tables) -> None:
-    seconds = np.asarray((time - time[0]) * 1e-9, dtype=np.float64)
+    seconds = np.asarray((time - time[0]) / 1e9, dtype=np.float64)
     fast = int(np.count_nonzero(np.linalg.norm(_moved(seconds, values, 1), axis=1) > _FASTEST))
     if fast:
         report.say(
@@ -309,14 +309,14 @@ def _told(time: Int, stride: int, tables: Tables) -> tuple[Float, Mask]:
     own, values = own[kept], values[kept]
     if len(own) < 2:
         return nowhere
-    steps = np.diff(own) * 1e-9
+    steps = np.diff(own) / 1e9
     gone = np.cumsum((values[1:] + values[:-1]) / 2 * steps[:, np.newaxis], axis=0)
     way = np.concatenate([np.zeros((1, 2)), gone])
     # Seconds spent in gaps: a way that has any is not known.
     missing = np.concatenate([[0.0], np.cumsum(np.where(steps > _GAP * np.median(steps), steps, 0.0))])
-    x = (own - own[0]) * 1e-9
-    length = (end - start)[:, np.newaxis] * 1e-9
-    at = [(t - own[0]) * 1e-9 for t in (start, end)]
+    x = (own - own[0]) / 1e9
+    length = (end - start)[:, np.newaxis] / 1e9
+    at = [(t - own[0]) / 1e9 for t in (start, end)]
     ways = np.stack([np.interp(at[1], x, c) - np.interp(at[0], x, c) for c in way.T], axis=1)
     lost = np.interp(at[1], x, missing) - np.interp(at[0], x, missing)
     known = (start >= own[0]) & (end <= own[-1]) & (lost <= 0)

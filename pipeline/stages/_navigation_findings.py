@@ -80,7 +80,24 @@ def of_gates(navigations: Sequence[Navigation], origin: int) -> Iterator[Row]:
 
 def gated(value: NDArray[np.float64], accepted: Mask) -> Mask:
     """Measurements that were looked at and not used; a NaN was not looked at."""
-    return np.isfinite(value).reshape(len(accepted), -1).all(axis=1) & ~accepted
+    looked_at = np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
+    return np.asarray(looked_at & ~accepted, dtype=np.bool_)
+
+
+def of_start(contradiction: str, imu: Imu, origin: int) -> Row:
+    """A start that the satellites contradict."""
+    whole = float(imu.time[0]), float(imu.time[-1])
+    return _row("gnss_position", "start contradicted", "error", contradiction, whole, origin)
+
+
+def of_reference(imu: Imu, origin: int) -> Row:
+    """What levelling by accelerometers cannot tell."""
+    whole = float(imu.time[0]), float(imu.time[-1])
+    detail = (
+        "loops: reference A levels by the accelerometers, and takes a bias b of theirs in straight flight "
+        "for a tilt of b/g: there the estimate of the bias does not converge to b"
+    )
+    return _row("accelerometer", "bias as tilt", "info", detail, whole, origin)
 
 
 def not_done(method: str, reason: str, imu: Imu, origin: int) -> Row:

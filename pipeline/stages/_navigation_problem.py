@@ -1,8 +1,8 @@
 """The problem of a navigation from its stream tables: increments and aids by one clock.
 
 The clock is that of the gyro; seconds count from its first sample. The accelerometers are brought to the
-gyro's instants where they have others. An aid has its own rate; its stamps may be late by a delay of the
-plan. Where the inertial sensors and an aid have no common time nothing can be navigated: both spans are said.
+gyro's instants where they have others. An aid has its own rate. Where the inertial sensors and an aid have no
+common time nothing can be navigated: both spans are said.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Inertial:
     @property
     def seconds(self) -> Float:
         """The stamps [s]."""
-        return np.asarray((self.stamps - self.origin) * 1e-9, dtype=np.float64)
+        return np.asarray((self.stamps - self.origin) / 1e9, dtype=np.float64)
 
     @property
     def may_begin(self) -> Mask:
@@ -238,7 +238,7 @@ def require_common(time: Time, other: Time, name: str, other_name: str) -> None:
 
 def span(time: Time) -> str:
     """First and last stamp in seconds."""
-    return f"{time.min() * 1e-9:.3f} to {time.max() * 1e-9:.3f} s"
+    return f"{time.min() / 1e9:.3f} to {time.max() / 1e9:.3f} s"
 
 
 def aids(tables: Tables, sensors: Inertial, settings: Settings) -> tuple[dict[AidName, Fixes], Findings]:
@@ -287,6 +287,16 @@ def _fixes(aid: AidName, table: pa.Table, sensors: Inertial, settings: Settings)
     if left_out:
         detail = f"{counted(left_out, 'measurement')} whose stamps do not advance: left out"
         said.append(finding("navigate", name, "stamp", "warning", detail, count=left_out))
+    beyond = kept & ~inside
+    if beyond.any():
+        at, count = stamps[beyond], int(beyond.sum())
+        detail = f"{counted(count, 'measurement')} before or after the inertial sensors record: not used"
+        said.append(
+            finding(
+                "navigate", name, "outside the record", "info", detail,
+                start=int(at.min()), end=int(at.max()), count=count,
+            )
+        )  # fmt: skip
     values = columns(table, CHANNELS[name])
     why = _unusable(aid, table, values, settings)
     usable = np.ones(len(stamps), dtype=np.bool_)
@@ -303,7 +313,7 @@ def _fixes(aid: AidName, table: pa.Table, sensors: Inertial, settings: Settings)
                 )
             )  # fmt: skip
     kept &= inside
-    seconds = (stamps[kept] - sensors.origin) * 1e-9 - settings.delays_s.get(aid, 0.0)
+    seconds = (stamps[kept] - sensors.origin) / 1e9
     value = values[kept]
     if aid == "attitude":
         value = quaternion_from_yaw_pitch_roll(value)

@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from pipeline.models.ellipsoid import metres_between
+from pipeline.models.navigation_consistency import mean_band
 from pipeline.numerics.time_grid import advancing
 from pipeline.stages._navigation_problem import columns
 from pipeline.stages._navigation_streams import POSITION, VELOCITY
@@ -75,7 +76,11 @@ def _between(time: Time, at: Time) -> tuple[NDArray[np.int64], Float]:
 def innovation_figures(
     innovations: pa.Table | None, navigation: pa.Table, settling: float
 ) -> Iterator[dict[str, Any]]:
-    """Mean normalised innovation squared a component, of the accepted ones after the transient."""
+    """Mean normalised innovation squared a component, of the accepted ones after the transient; and its band.
+
+    The band is that in which 95 % of such means lie if innovations are white and as large as they are said
+    to be.
+    """
     if innovations is None or not innovations.num_rows:
         return
     begin = pc.min(navigation["time"]).as_py()
@@ -84,9 +89,17 @@ def innovation_figures(
     kept = pc.and_(innovations["accepted"], pc.greater_equal(innovations["time"], after))
     kept = pc.and_(kept, pc.is_valid(innovations["normalised_squared"]))
     judged = innovations.filter(kept)
-    pairs = judged.group_by(["method", "aid"], use_threads=False).aggregate([("normalised_squared", "mean")])
+    pairs = judged.group_by(["method", "aid"], use_threads=False).aggregate(
+        [("normalised_squared", "mean"), ("normalised_squared", "count")]
+    )
     for row in pairs.to_pylist():
-        value = row["normalised_squared_mean"] / len(COMPONENTS[row["aid"]][0])
-        yield metric(
-            "score_navigation", f"{row['method']}.{row['aid']}", "normalised_innovations", value, "1"
-        )
+        size = len(COMPONENTS[row["aid"]][0])
+        low, high = mean_band(size, row["normalised_squared_count"] // size)
+        for suffix, square in (("", row["normalised_squared_mean"]), ("_lower", low), ("_upper", high)):
+            yield metric(
+                "score_navigation",
+                f"{row['method']}.{row['aid']}",
+                f"normalised_innovations{suffix}",
+                square / size,
+                "1",
+            )

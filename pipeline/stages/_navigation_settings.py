@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,21 +17,15 @@ from pipeline.models.correction_gains import (
     LoopGains,
 )
 from pipeline.models.correction_loops import LoopSettings
-from pipeline.models.navigation_filter_settings import (
-    FilterSettings,
-    MeasurementNoise,
-    ProcessNoise,
-    StartDeviations,
-)
 from pipeline.models.navigation_problem import AidName, EarthField
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._navigation_filter_plan import FilterPlan
 from pipeline.stages.base import Settings as _Settings
 
 Method = Literal["strapdown", "loops", "filter", "smoother"]
 Triple = tuple[float, float, float]
 
-_P0, _Q, _R = StartDeviations(), ProcessNoise(), MeasurementNoise()
-_FILTER, _LOOPS = FilterSettings(), LoopSettings()
+_LOOPS = LoopSettings()
 
 
 class StartState(_Settings):
@@ -146,8 +139,8 @@ class LoopPlan(_Settings):
     )
     attitude_reference: Literal["A", "M", "X", "none"] = Field(
         "A",
-        description="A: gravity by accelerometers and air speed, and magnetic yaw; M: magnetic yaw alone; "
-        "X: the external attitude; none: the attitude is left as it is",
+        description="A: gravity by accelerometers and air speed, and magnetic yaw; M: the direction of the "
+        "magnetic field first, gravity second; X: the external attitude; none: the attitude is left as it is",
     )
     lift: LiftPlan | None = Field(
         None, description="lift curve of an aircraft; None: the air comes along body axis 1"
@@ -184,104 +177,6 @@ class LoopPlan(_Settings):
         )
 
 
-class StartSigmas(_Settings):
-    """1 sigma of the state at the start: P0."""
-
-    position_m: float = Field(_P0.position, gt=0, description="of north, east and down, m")
-    velocity_m_s: float = Field(_P0.velocity, gt=0, description="of north, east and down, m/s")
-    tilt_rad: float = Field(_P0.tilt, gt=0, description="of the attitude about north and east, rad")
-    yaw_rad: float = Field(_P0.yaw, gt=0, description="of the attitude about down, rad")
-    accelerometer_bias_m_s2: float = Field(_P0.accelerometer_bias, gt=0, description="of each axis, m/s^2")
-    gyro_bias_rad_s: float = Field(_P0.gyro_bias, gt=0, description="of each axis, rad/s")
-    wind_m_s: float = Field(_P0.wind, gt=0, description="of north and east, m/s")
-    barometer_bias_m: float = Field(_P0.barometer_bias, gt=0, description="of the barometer, m")
-
-
-class ProcessSigmas(_Settings):
-    """1 sigma of what errors gather in a second, growing with the root of time: Q."""
-
-    velocity_m_s: float = Field(_Q.velocity, gt=0, description="noise of the accelerometers, m/s/sqrt(s)")
-    attitude_rad: float = Field(_Q.attitude, gt=0, description="noise of the gyros, rad/sqrt(s)")
-    accelerometer_bias_m_s2: float = Field(
-        _Q.accelerometer_bias, gt=0, description="walk of the accelerometers' bias, m/s^2/sqrt(s)"
-    )
-    gyro_bias_rad_s: float = Field(_Q.gyro_bias, gt=0, description="walk of the gyros' bias, rad/s/sqrt(s)")
-    wind_m_s: float = Field(_Q.wind, gt=0, description="walk of the wind, m/s/sqrt(s)")
-    barometer_bias_m: float = Field(
-        _Q.barometer_bias, gt=0, description="walk of the barometer's bias, m/sqrt(s)"
-    )
-    coasted_velocity_m_s: float = Field(
-        _Q.coasted_velocity, gt=0, description="of the velocity while samples are missing, m/s/sqrt(s)"
-    )
-    coasted_attitude_rad: float = Field(
-        _Q.coasted_attitude, gt=0, description="of the attitude while samples are missing, rad/sqrt(s)"
-    )
-
-
-class MeasurementSigmas(_Settings):
-    """1 sigma of one measurement, taken as white: R."""
-
-    position_m: float = Field(_R.position, gt=0, description="of north, east and down by satellites, m")
-    velocity_m_s: float = Field(_R.velocity, gt=0, description="of north, east and down by satellites, m/s")
-    airspeed_m_s: float = Field(_R.airspeed, gt=0, description="of the air speed, gusts included, m/s")
-    altitude_m: float = Field(_R.altitude, gt=0, description="of the barometer, m")
-    magnetic_field_ut: float = Field(
-        _R.magnetic_field * 1e6, gt=0, description="of each axis of the magnetometer, uT"
-    )
-    attitude_rad: float = Field(_R.attitude, gt=0, description="of the external attitude, rad")
-
-
-class FilterPlan(_Settings):
-    """The error-state filter and its smoother."""
-
-    states: Literal[15, 18] = Field(
-        _FILTER.states, description="18: wind and the barometer's bias among them"
-    )
-    start: StartSigmas = Field(default_factory=StartSigmas, description="1 sigma at the start (P0)")
-    noise: ProcessSigmas = Field(default_factory=ProcessSigmas, description="process noise (Q)")
-    measurement: MeasurementSigmas = Field(
-        default_factory=MeasurementSigmas, description="noise of the measurements (R)"
-    )
-    lever_arm_m: Triple = Field(
-        (0.0, 0.0, 0.0), description="of the antenna from the inertial unit, body axes, m"
-    )
-    gate: float = Field(
-        _FILTER.gate,
-        ge=0,
-        lt=1,
-        description="probability with which a good measurement is refused; 0: none is",
-    )
-    reseat_after: int = Field(
-        _FILTER.reseat_after, ge=0, description="refused in a row, after which the state is doubted; 0: never"
-    )
-
-    def settings(self, stale: float) -> FilterSettings:
-        """The same for the model, which counts an aid as lost after so many of its intervals."""
-        return FilterSettings(
-            states=self.states,
-            start=StartDeviations(*_values(self.start, StartDeviations)),
-            noise=ProcessNoise(*_values(self.noise, ProcessNoise)),
-            measurement=MeasurementNoise(
-                self.measurement.position_m,
-                self.measurement.velocity_m_s,
-                self.measurement.airspeed_m_s,
-                self.measurement.altitude_m,
-                self.measurement.magnetic_field_ut * 1e-6,
-                self.measurement.attitude_rad,
-            ),
-            lever_arm=self.lever_arm_m,
-            gate=self.gate,
-            reseat_after=self.reseat_after,
-            stale=stale,
-        )
-
-
-def _values(section: _Settings, model: type[Any]) -> list[float]:
-    """What a section states for each field of a model: the key that begins with its name."""
-    stated = section.model_dump()
-    return [next(v for key, v in stated.items() if key.startswith(f"{f.name}_")) for f in fields(model)]
-
-
 class Settings(_Settings):
     """Methods side by side, the start, and what counts as an aid."""
 
@@ -307,9 +202,6 @@ class Settings(_Settings):
     level_s: float = Field(10.0, gt=0, description="rest at the start over which it is levelled, s")
     earth_field: EarthFieldPlan | None = Field(
         None, description="the magnetic field of the Earth, needed with a magnetometer"
-    )
-    delays_s: dict[AidName, float] = Field(
-        default_factory=dict, description="by which the stamps of an aid are late, s"
     )
     min_fix: float = Field(
         0.0,

@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.errors import ExitCode
-from pipeline.models.ellipsoid import POLAR_LIMIT, displaced, gravity
+from pipeline.models.ellipsoid import POLAR_LIMIT, displaced, gravity, metres_between
 from pipeline.models.levelling import pitch_and_roll, yaw_of_field
 from pipeline.models.navigation_problem import AidName, Fixes, Start
 from pipeline.models.strapdown import quaternion_from_yaw_pitch_roll
@@ -39,6 +39,12 @@ _RESTING_RATE = float(np.deg2rad(1.0))
 _RESTING_FORCE = 0.5
 """Mean specific force away from gravity, and its scatter along an axis, above which a body does not rest
 [m/s^2]: three times the bias of cheap accelerometers."""
+
+_JUDGED = 11
+"""Positions by satellites, the middle one of which is held against a start that is not from them."""
+
+_FAR, _FASTEST = 10e3, 1000.0
+"""No start is so wrong [m], and no vehicle so fast [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +104,30 @@ def start_of(
     _refuse_pole(latitude)
     start = Start(latitude, longitude, height, moving, quaternion)
     return begin, start, list(_left_out(sensors, begin))
+
+
+def contradiction(begin: float, start: Start, fixes: Fixes | None, settings: Settings) -> str | None:
+    """How the first positions by satellites contradict a start that is not from them; None where they do not.
+
+    Each method would believe the start or the satellites, and jump, without a word.
+    """
+    if settings.start_position == "gnss" or fixes is None:
+        return None
+    first = np.flatnonzero(fixes.usable)[:_JUDGED]
+    here, found = np.array([start.latitude, start.longitude, start.height]), fixes.value[first]
+    allowed = _FAR + _FASTEST * (float(np.median(fixes.time[first])) - begin)
+    away = float(np.median(_horizontally(here, found)))
+    if away <= allowed:
+        return None
+    exchanged = float(np.median(_horizontally(here, found[:, [1, 0, 2]])))
+    return f"the first positions by satellites are {away / 1e3:.0f} km from the start of the plan: " + (
+        "latitude and longitude exchanged?" if exchanged <= allowed else "wrong start, wrong columns or unit?"
+    )
+
+
+def _horizontally(here: Float, there: Float) -> Float:
+    """Distances along the ground [m]."""
+    return np.asarray(np.linalg.norm(metres_between(here, there)[:, :2], axis=1), dtype=np.float64)
 
 
 def _left_out(sensors: Inertial, begin: float) -> Findings:
@@ -211,7 +241,7 @@ def _of_table(tables: Tables, sensors: Inertial, name: str, key: str) -> Known:
             found=f"none of {table.num_rows}",
             remedy="check its clock, or choose another source",
         )
-    seconds = (stamps[kept] - sensors.origin) * 1e-9
+    seconds = (stamps[kept] - sensors.origin) / 1e9
     return Known(np.asarray(seconds, dtype=np.float64), values[kept])
 
 

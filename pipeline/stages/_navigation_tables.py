@@ -40,7 +40,7 @@ COMPONENTS: Mapping[AidName, tuple[tuple[str, ...], str]] = MappingProxyType(
 """Components of an aid's innovations, and their unit."""
 
 _GAIN_UNITS = {"T": "s", "T_V": "s", "k_L": "1", "k_V": "1", "K": "1/s", "k_LV": "1/s", "k_n": "1/s"}
-_FIX_UNITS = {"position": "m", "velocity": "m/s"}
+_FIX_UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad"}
 
 
 def chosen(time: Float, interval: float) -> Integer:

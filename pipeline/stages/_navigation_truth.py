@@ -45,10 +45,10 @@ class Samples:
             return place, np.zeros(len(time)), np.ones(len(time)), time == self.time[0]
         last = len(self.time) - 2
         place = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last).astype(np.int64)
-        length = np.asarray((self.time[place + 1] - self.time[place]) * 1e-9, dtype=np.float64)
-        part = (time - self.time[place]) * 1e-9 / length
+        length = np.asarray((self.time[place + 1] - self.time[place]) / 1e9, dtype=np.float64)
+        part = (time - self.time[place]) / 1e9 / length
         known = (part >= 0) & (part <= 1)
-        known &= length <= _GAP * float(np.median(np.diff(self.time))) * 1e-9
+        known &= length <= _GAP * float(np.median(np.diff(self.time))) / 1e9
         return place, np.asarray(part, dtype=np.float64), length, known
 
     def after(self, place: NDArray[np.int64]) -> Float:

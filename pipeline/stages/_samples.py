@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,10 @@ def read_samples(recording: Path, name: StreamName, stream: Stream, clock: Clock
         ]
     samples = Samples(where, name, stream, topic.filter(pa.array(kept)), time[kept], np.column_stack(values))
     refuse_idle_stamps(samples.time, samples.table, clock, where)
+    if stream.delay_s:
+        samples = replace(samples, time=samples.time - round(Fraction(stream.delay_s) * 10**9))
+        detail = f"time is {stream.delay_s:g} s before the stamps, which are late by the test plan"
+        samples.findings.append(finding("ingest", name, "delay", "info", detail, count=len(samples.time)))
     for channel, there in present.items():
         detail = f"without a value of {channels[channel].field!r}, which becomes NaN"
         samples.say("missing value", "warning", detail, ~there[kept], channel)

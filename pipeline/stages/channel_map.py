@@ -146,6 +146,12 @@ class Stream(_Settings):
     topic: str = Field("", description="topic; leave out for a text file")
     quantity: Quantity = Field(description="what the channels are")
     time: Clock | None = Field(None, description="clock of this stream, in place of [time]")
+    delay_s: float = Field(
+        0.0,
+        ge=-4e9,
+        le=4e9,
+        description="by which the stamps of this stream are late, or its clock ahead of the others, s",
+    )
     channels: dict[str, Channel] = Field(
         min_length=1,
         description="of the quantity: p, q, r; psi, theta, gamma; w, x, y, z; alpha1, alpha2; x, y, z; …",

@@ -20,17 +20,20 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from pipeline.models.correction_response import Analysis
 from pipeline.models.navigation_problem import AidName, Fixes, Imu, Navigation, Problem
 from pipeline.stages import _navigation_findings as about
 from pipeline.stages import _navigation_tables as as_table
+from pipeline.stages._navigation_consistency import consistency_figures
 from pipeline.stages._navigation_methods import analyses_of, navigations_of
 from pipeline.stages._navigation_outages import Outage, outages, phases
 from pipeline.stages._navigation_problem import aids, earth_field, inertial
 from pipeline.stages._navigation_settings import Settings
-from pipeline.stages._navigation_start import start_of
+from pipeline.stages._navigation_start import contradiction, start_of
 from pipeline.stages._navigation_streams import TABLES
+from pipeline.stages._navigation_truth import truth_of
 from pipeline.stages.base import Stand, Tables, metric, rows
 
 __all__ = ["CONSUMES", "MAY_CONSUME", "METRICS", "PRODUCES", "Settings", "run"]
@@ -42,6 +45,8 @@ METRICS: tuple[str, ...] = (
     "duration",
     "step_count",
     "coasted_count",
+    "error_count",
+    "normalised_errors",
     "usable_count",
     "outage_count",
     "outage_time",
@@ -84,7 +89,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     serving = {aid: fixes for aid, fixes in whole.items() if fixes.usable.any()}
     problem = Problem(imu, start, serving, earth_field(serving, settings))
     analyses = analyses_of(problem, settings)
-    navigations, failed = navigations_of(problem, settings)
+    truth = truth_of(tables)
+    done, failed = navigations_of(problem, settings, judged=bool(truth))
+    navigations = [one.navigation for one in done]
     lost = {aid: outages(fixes, imu, settings.stale) for aid, fixes in serving.items()}
     findings += [
         *said,
@@ -92,15 +99,27 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
         *about.of_sensors(imu, origin),
         *about.of_aids(whole, lost, imu, origin),
         *about.of_gates(navigations, origin),
+        *_of_loops(problem, settings, origin),
         *(about.not_done(method, reason, imu, origin) for method, reason in failed.items()),
     ]
+    at = as_table.chosen(imu.time, settings.output_interval_s)
+    phase = phases(imu.time[at], lost.get("position", lost.get("velocity")))
+    figures = [
+        *_metrics(imu, serving, lost, navigations, analyses),
+        *(row for one in done for row in consistency_figures(one, at, phase, origin, truth)),
+    ]
+    contradicted = contradiction(begin, start, serving.get("position"), settings)
+    if contradicted:
+        findings.append(about.of_start(contradicted, imu, origin))
+        # As an error of the audit does, it fails the recording unless the plan allows it.
+        figures.append(_figure("start", "error_count", 1))
     return {
-        "navigation": _navigation(navigations, imu, origin, lost, settings.output_interval_s),
+        "navigation": _navigation(navigations, imu, origin, at, phase),
         "innovations": _innovations(navigations, origin),
         "poles": as_table.pole_rows(analyses),
         "loops": as_table.loop_rows(analyses),
         "findings": rows("findings", findings),
-        "metrics": rows("metrics", list(_metrics(imu, serving, lost, navigations, analyses))),
+        "metrics": rows("metrics", figures),
     }
 
 
@@ -111,16 +130,10 @@ def _within(fixes: Fixes, imu: Imu) -> Fixes:
 
 
 def _navigation(
-    navigations: Sequence[Navigation],
-    imu: Imu,
-    origin: int,
-    lost: Mapping[AidName, Sequence[Outage]],
-    interval: float,
+    navigations: Sequence[Navigation], imu: Imu, origin: int, at: NDArray[np.intp], phase: Sequence[str]
 ) -> pa.Table:
     """All methods, one after the other, at the same instants."""
-    at = as_table.chosen(imu.time, interval)
     stamps = origin + np.rint(imu.time[at] * 1e9).astype(np.int64)
-    phase = phases(imu.time[at], lost.get("position", lost.get("velocity")))
     coasted = np.append(imu.coasted, False)
     coasted[1:] |= imu.coasted
     return pa.concat_tables(
@@ -137,6 +150,15 @@ def _innovations(navigations: Sequence[Navigation], origin: int) -> pa.Table:
     return pa.concat_tables([rows("innovations", []), *tried])
 
 
+def _of_loops(problem: Problem, settings: Settings, origin: int) -> Iterator[dict[str, Any]]:
+    if "loops" in settings.methods and settings.loops.attitude_reference == "A":
+        yield about.of_reference(problem.imu, origin)
+
+
+def _figure(channel: str, name: str, value: float, unit: str = "1") -> dict[str, Any]:
+    return metric("navigate", channel, name, value, unit)
+
+
 def _metrics(
     imu: Imu,
     aids: Mapping[AidName, Fixes],
@@ -144,19 +166,16 @@ def _metrics(
     navigations: Sequence[Navigation],
     analyses: Sequence[Analysis],
 ) -> Iterator[dict[str, Any]]:
-    def figure(channel: str, name: str, value: float, unit: str = "1") -> dict[str, Any]:
-        return metric("navigate", channel, name, value, unit)
-
-    yield figure("gyro", "duration", imu.time[-1] - imu.time[0], "s")
-    yield figure("gyro", "step_count", len(imu))
-    yield figure("gyro", "coasted_count", int(imu.coasted.sum()))
+    yield _figure("gyro", "duration", imu.time[-1] - imu.time[0], "s")
+    yield _figure("gyro", "step_count", len(imu))
+    yield _figure("gyro", "coasted_count", int(imu.coasted.sum()))
     for aid, fixes in aids.items():
-        yield figure(aid, "usable_count", int(fixes.usable.sum()))
-        yield figure(aid, "outage_count", len(lost[aid]))
-        yield figure(aid, "outage_time", sum(one.end - one.start for one in lost[aid]), "s")
+        yield _figure(aid, "usable_count", int(fixes.usable.sum()))
+        yield _figure(aid, "outage_count", len(lost[aid]))
+        yield _figure(aid, "outage_time", sum(one.end - one.start for one in lost[aid]), "s")
     for one in navigations:
         for aid, tried in one.innovations.items():
             refused = int(about.gated(tried.value, tried.accepted).sum())
-            yield figure(f"{one.method}.{aid}", "refused_count", refused)
+            yield _figure(f"{one.method}.{aid}", "refused_count", refused)
     for analysis in analyses:
-        yield figure(analysis.channel.name, "spectral_radius", analysis.radius)
+        yield _figure(analysis.channel.name, "spectral_radius", analysis.radius)

@@ -63,6 +63,8 @@ METRICS: tuple[str, ...] = (
     "horizontal_residual_rms",
     "velocity_residual_rms",
     "normalised_innovations",
+    "normalised_innovations_lower",
+    "normalised_innovations_upper",
 )
 
 Float = NDArray[np.float64]
@@ -116,7 +118,7 @@ class Scored:
         kept = self.phase == phase
         if phase == "aided" and kept.any():
             at = self.time[kept]
-            wait = min(settling, (at[-1] - at[0]) * 0.5e-9)
+            wait = min(settling, (at[-1] - at[0]) / 2e9)
             kept &= self.time >= at[0] + round(wait * 1e9)
         return np.asarray(kept, dtype=np.bool_)
 
@@ -161,9 +163,8 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
             figures += _of_phases(one, settings.settling_s)
             figures += _of_outages(one, settings.settling_s)
         figures += _of_biases(one, settings)
-        figures += residual_figures(
-            method, time, state, one.within("aided", settings.settling_s) | (phase == "reacquired"), tables
-        )
+        aided = one.within("aided", settings.settling_s) | (phase == "reacquired")
+        figures += residual_figures(method, time, state, aided, tables)
     figures += innovation_figures(tables.get("innovations"), tables["navigation"], settings.settling_s)
     return {
         "navigation_errors": pa.concat_tables(
@@ -246,7 +247,7 @@ def _of_outages(one: Scored, settling: float) -> Iterator[dict[str, Any]]:
     if usual is None or not again.size:
         return
     back = again[horizontal[again] <= _BACK * usual]
-    seconds = (one.time[back[0]] - one.time[lost[-1]]) * 1e-9 if back.size else None
+    seconds = (one.time[back[0]] - one.time[lost[-1]]) / 1e9 if back.size else None
     yield _figure(one.method, "reacquisition_time", seconds, "s")
 
 
@@ -285,7 +286,7 @@ def _settled(time: Time, estimate: Float, final: Float, part: float) -> float | 
     far = np.flatnonzero(np.linalg.norm(estimate - final, axis=1) > part * float(np.linalg.norm(final)))
     if not far.size:
         return 0.0
-    return None if far[-1] == len(time) - 1 else float((time[far[-1] + 1] - time[0]) * 1e-9)
+    return None if far[-1] == len(time) - 1 else float((time[far[-1] + 1] - time[0]) / 1e9)
 
 
 def _error_rows(one: Scored) -> pa.Table:

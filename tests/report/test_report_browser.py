@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drift_tables import make_drift_tables, simulated
+from navigation_tables import make_navigation_tables
 from report_tables import HOSTILE, make_tables, publish
 from static_tables import make_static_tables
 
@@ -165,6 +166,20 @@ def test_the_pictures_of_a_static_run_are_drawn(browser: Any, tmp_path: Path) ->
     assert browser.execute_script(HIDDEN) == 7  # curve and band of each channel, and the legend's sample
     assert browser.execute_script("return typeof window.hacked") == "undefined"
     assert browser.find_elements(By.CSS_SELECTOR, "img, mjx-container") == []
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_the_pictures_of_a_navigation_are_drawn(browser: Any, tmp_path: Path) -> None:
+    file = tmp_path / "navigation.html"
+    file.write_text(page.render("run-7", make_navigation_tables(text=HOSTILE)), encoding="utf-8")
+    browser.get(file.as_uri())
+    WebDriverWait(browser, PATIENCE, poll_frequency=0.1).until(lambda b: b.execute_script(DRAWN))
+    pictures = browser.execute_script(COLOURS)
+    # two maps and the height; aids; sizes; errors; states; biases, wind, barometer; poles; innovations
+    drawn = [sum(colours > 5 for colours in picture) for picture in pictures]
+    assert len(drawn) == 8
+    assert all(np.array(drawn) >= [3, 1, 4, 9, 6, 9, 2, 7])
+    assert browser.execute_script("return typeof window.hacked") == "undefined"
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
 
 

@@ -205,3 +205,17 @@ def test_the_simulator_s_recordings_are_read_as_they_were_made(tmp_path: Path, n
     kept = {name: table for name, table in found.items() if name in audit.MAY_CONSUME}
     findings = audit.run(kept, audit.Settings(), Stand())["findings"].to_pylist()
     assert [f for f in findings if f["severity"] == "error"] == []
+
+
+@pytest.mark.parametrize("delay", [0.25, -1_600_000_000.5])
+def test_stamps_that_are_late_are_put_right_and_it_is_said(tmp_path: Path, delay: float) -> None:
+    """A quarter of a second of transport; a clock that begins in 2020. The stamps as recorded stay."""
+    message = {f"magnetic_field.{a}": RANDOM.normal(size=N) for a in "xyz"}
+    recording = written(tmp_path, "sensor_msgs/msg/MagneticField", message)
+    fields = dict(zip("xyz", message, strict=True))
+    found = ingested(recording, magnetometer=stream("magnetic_field", "T", fields, delay_s=delay))
+    table = found["magnetometer"]
+    assert np.array_equal(table["time"].to_numpy() + round(delay * 1e3) * 10**6, STAMP)
+    assert np.array_equal(table["header_stamp"].to_numpy(), STAMP)
+    row = found["findings"].to_pylist()[0]
+    assert (row["kind"], row["severity"], row["count"]) == ("delay", "info", N)

@@ -13,16 +13,20 @@ from navigation_streams import EARTH, SECOND, changed
 from pipeline.contracts import contract
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.models.correction_gains import CorrectionGainsError
-from pipeline.models.ellipsoid import metres_between
+from pipeline.models.ellipsoid import displaced, metres_between
 from pipeline.models.navigation_errors import NavigationError
-from pipeline.models.navigation_problem import Fixes, Imu
+from pipeline.models.navigation_problem import Fixes, Imu, Navigation
 from pipeline.models.strapdown import yaw_pitch_roll
+from pipeline.numerics.rotation import quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.simulate.navigation import NavigationRecord
 from pipeline.simulate.navigation_settings import FlightSettings, ImuErrors, StartErrors
 from pipeline.simulate.recording import START
 from pipeline.stages import navigate
+from pipeline.stages._navigation_consistency import consistency_figures
+from pipeline.stages._navigation_methods import Done
 from pipeline.stages._navigation_outages import Outage, outages, phases
 from pipeline.stages._navigation_tables import chosen
+from pipeline.stages._navigation_truth import Truth, truth_of
 from pipeline.stages.base import Stand
 from pipeline.storage.contract_check import violations
 
@@ -211,19 +215,18 @@ class TestProblem:
         tables["gnss_position"] = pa.concat_tables([position.slice(0, 10), position.slice(9)])
         assert findings(navigated(tables, methods=("strapdown",)), "stamp")[0]["count"] == 1
 
-    def test_late_stamps_of_an_aid_are_put_right(self) -> None:
-        """At 40 m/s a fix that is stamped 0.25 s late lies 10 m back."""
+    def test_measurements_outside_the_inertial_record_are_counted(self) -> None:
+        """Satellites from 5 s before the inertial sensors to 10 s after them: they serve within."""
         record = self.perfect()
         tables = streams.tables(record)
-        for name in ("gnss_position", "gnss_velocity"):
-            late = tables[name]["time"].to_numpy() + SECOND // 4
-            tables[name] = changed(tables[name], time=late)
-        plan = {"methods": ("filter",), "aids": ("position", "velocity")}
-        wrong = away(by_method(navigated(tables, **plan), "filter"), record)
-        delays = {"position": 0.25, "velocity": 0.25}
-        right = away(by_method(navigated(tables, delays_s=delays, **plan), "filter"), record)
-        assert 5.0 < wrong[-1] < 11.0
-        assert right.max() < 0.01
+        for name in ("gyro", "accelerometer"):
+            seconds = (tables[name]["time"].to_numpy() - START) / 1e9
+            tables[name] = tables[name].filter(pa.array((seconds >= 5.0) & (seconds <= 20.0)))
+        out = navigated(tables, methods=("filter",))
+        row = next(r for r in findings(out, "outside the record") if r["stream"] == "gnss_position")
+        assert (row["severity"], row["count"]) == ("info", 15)  # 0 to 4 s, and 21 to 30 s
+        assert figures(out)["position", "usable_count"] == 16
+        assert away(by_method(out, "filter"), record).max() < 0.05  # ideal aids and sensors
 
     def test_sensors_that_share_no_time(self) -> None:
         tables = streams.tables(self.perfect())
@@ -315,6 +318,44 @@ class TestAids:
         assert set(said) == {"loops", "filter"}
         assert figures(out)["filter.position", "refused_count"] == 1
         assert away(by_method(out, "loops"), flight)[:300].max() < 5.0
+
+    def test_an_aid_that_says_nothing_has_no_innovations(self) -> None:
+        """On a stand at rest air speed has no direction, so that the filter looks at none of it."""
+        still = FlightSettings(duration=30.0, speed=0.0, lift=None, catapult=None, standing=0.0)
+        record = streams.record("diff", flight=still, output="increments")
+        out = navigated(streams.tables(record))
+        tried = {(r["method"], r["aid"]) for r in out["innovations"].to_pylist()}
+        assert ("filter", "airspeed") not in tried
+        assert ("filter", "position") in tried
+        assert figures(out)["filter.airspeed", "refused_count"] == 0
+
+    @pytest.mark.parametrize("exchanged", [True, False])
+    def test_positions_far_from_the_start_are_an_error(
+        self, flight: NavigationRecord, exchanged: bool
+    ) -> None:
+        """No method can say which is wrong; without velocity by satellites the audit can not either."""
+        tables = streams.tables(flight)
+        latitude, longitude = (tables["gnss_position"][n].to_numpy() for n in ("latitude", "longitude"))
+        wrong = {"latitude": longitude, "longitude": latitude} if exchanged else {"latitude": latitude + 0.01}
+        tables["gnss_position"] = changed(tables["gnss_position"], **wrong)
+        out = navigated(tables)
+        row = findings(out, "start contradicted")[0]
+        assert row["severity"] == "error"
+        assert ("latitude and longitude exchanged?" in row["detail"]) == exchanged
+        assert (" 64 km" in row["detail"]) != exchanged  # 0.01 rad of a meridian
+        assert figures(out)["start", "error_count"] == 1
+        assert out["navigation"].num_rows
+        # a start that is from the satellites cannot contradict them
+        assert (
+            findings(navigated(tables, start_position="gnss", methods=("loops",)), "start contradicted") == []
+        )
+
+    def test_a_first_position_that_is_wrong_is_no_contradiction(self, flight: NavigationRecord) -> None:
+        latitude = flight.aids["position"].values[:, 0].copy()
+        latitude[0] += 0.01
+        position = changed(streams.tables(flight)["gnss_position"], latitude=latitude)
+        out = navigated(streams.tables(flight) | {"gnss_position": position})
+        assert findings(out, "start contradicted") == []
 
     def test_a_magnetometer_needs_the_field(self, flight: NavigationRecord) -> None:
         with pytest.raises(GyrostandError, match="strength_ut, dip_deg and declination_deg") as caught:
@@ -467,6 +508,85 @@ class TestLoops:
         tables = {n: t for n, t in streams.tables(flight).items() if n != "external_attitude"}
         with pytest.raises(GyrostandError, match="which the reference 'X' is"):
             navigated(tables, loops={"attitude_reference": "X"})
+
+    def test_what_reference_a_cannot_tell_is_said(self, flight: NavigationRecord) -> None:
+        tables = streams.tables(flight)
+        row = findings(navigated(tables, methods=("loops",)), "bias as tilt")[0]
+        assert row["severity"] == "info"
+        assert "b/g" in row["detail"]
+        external = {"attitude_reference": "X"}
+        assert findings(navigated(tables, methods=("loops",), loops=external), "bias as tilt") == []
+        assert findings(navigated(tables, methods=("filter",)), "bias as tilt") == []
+
+    def test_noise_of_the_attitude_s_loop_is_of_attitudes(self, flight: NavigationRecord) -> None:
+        rows = navigated(streams.tables(flight), methods=("loops",))["loops"].to_pylist()
+        of_attitude = [r for r in rows if r["name"] == "noise_attitude_by_attitude"]
+        assert of_attitude
+        assert {r["unit"] for r in of_attitude} == {"(rad)/(rad)"}
+        loops = {r["loop"] for r in of_attitude}
+        assert not [r for r in rows if r["loop"] in loops and r["name"] == "noise_velocity_by_velocity"]
+
+
+class TestConsistency:
+    def test_the_figure_is_that_of_the_covariance(self, flight: NavigationRecord) -> None:
+        """Errors drawn from a covariance of which all nine components go together: mean 1."""
+        rng = np.random.default_rng(5)
+        n = 1200
+        at = np.arange(0, 2 * n, 2)
+        time = np.linspace(0.0, 60.0, 2 * n)
+        factor = 0.1 * rng.normal(size=(n, 12, 9))
+        scale = np.repeat([1e-3, 0.1, 1.0], 3)  # rad, m/s, m
+        error = scale * np.einsum("nij,ni->nj", factor, rng.normal(size=(n, 12)))
+        motion = flight.flight.at(time)
+        whole = np.zeros((2 * n, 9))
+        whole[at] = error
+        turned = quaternion_multiply(quaternion_from_rotation_vector(-whole[:, :3]), motion.attitude)
+        one = Navigation(
+            "filter",
+            time,
+            displaced(motion.position, -whole[:, 6:]),
+            motion.velocity - whole[:, 3:6],
+            turned,
+            np.zeros((2 * n, 3)),
+            np.zeros((2 * n, 3)),
+        )
+        phase = ["aided"] * n + ["outage"] * n
+        truth = truth_of(streams.tables(flight))
+        done = Done(one, at, factor * scale)
+        rows = list(consistency_figures(done, np.arange(2 * n), phase, START, truth))
+        found = {r["channel"]: r["value"] for r in rows}
+        assert set(found) == {"filter.aided", "filter.outage"}
+        # a mean over 600 times 9: 1 +- sqrt(2/5400) = 0.019, five of them
+        assert list(found.values()) == pytest.approx([1.0, 1.0], abs=0.1)
+        only = Truth(truth.position, None, None)
+        row = next(consistency_figures(done, np.arange(2 * n), phase, START, only))
+        assert row["value"] == pytest.approx(1.0, abs=5 * np.sqrt(2 / 1800))
+
+    def test_without_covariances_or_truth_there_is_none(self, flight: NavigationRecord) -> None:
+        tables = streams.tables(flight, truth=False)
+        plan = {"start_position": "gnss", "start_velocity": "gnss", "start_attitude": "external_attitude"}
+        names = {name for _, name in figures(navigated(tables, **plan))}
+        assert "normalised_errors" not in names
+        with_truth = {
+            c for c, name in figures(navigated(streams.tables(flight))) if name == "normalised_errors"
+        }
+        phases = ("aided", "outage", "reacquired")
+        assert with_truth == {f"{method}.{phase}" for method in ("filter", "smoother") for phase in phases}
+
+    def test_an_external_attitude_is_not_believed_more_than_it_deserves(self) -> None:
+        """0.3 degrees constant and as much wandering, at 20 Hz: by the defaults, and taken for white."""
+        mean, white = [], []
+        for seed in range(1, 7):
+            tables = streams.tables(streams.record("diff", 120.0, seed))
+            plan = {"methods": ("filter",), "aids": ("position", "velocity", "attitude")}
+            mean.append(figures(navigated(tables, **plan))["filter.aided", "normalised_errors"])
+            none = {"coloured": {"attitude_rad": 0.0, "attitude_bias_rad": 0.0}}
+            told = navigated(tables, **plan, filter=none)
+            white.append(figures(told)["filter.aided", "normalised_errors"])
+        # A state's share of one draw is 1 +- sqrt(2/9), of six 0.19; P0 and R that are larger than the errors
+        # make it less.
+        assert 0.3 < np.mean(mean) < 1.4
+        assert np.mean(white) > 3.0
 
 
 class TestInstants:

@@ -253,3 +253,8 @@ def test_normalised_innovations(flight: NavigationRecord) -> None:
     )
     _, figures = scored({"navigation": navigation(flight), "innovations": innovations})
     assert figures["filter.position", "normalised_innovations"]["value"] == pytest.approx(1.0, rel=1e-12)
+    # the band of 49 means of chi-squared with 3 degrees of freedom: 1 -+ 1.96 sqrt(2/147), a little askew
+    low, high = (
+        figures["filter.position", f"normalised_innovations_{end}"]["value"] for end in ("lower", "upper")
+    )
+    assert (low, high) == pytest.approx((1 - 0.2286, 1 + 0.2286), abs=0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 
 from pipeline.errors import ExitCode
 from pipeline.models.correction_gains import PRINTED, TUNED
-from pipeline.models.navigation_filter_settings import FilterSettings
+from pipeline.models.navigation_filter_settings import USUAL, FilterSettings, GaussMarkov
 from pipeline.procedures import PROCEDURES
 from pipeline.stages import navigate
-from pipeline.stages._navigation_settings import FilterPlan, LoopPlan
+from pipeline.stages._navigation_filter_plan import FilterPlan
+from pipeline.stages._navigation_settings import LoopPlan
 from pipeline.testplan import PlanError, load_plan
 
 GOOD = """\
@@ -108,8 +110,8 @@ def test_the_kind_of_fix_may_be_left_out(plan: Path) -> None:
 
 
 def test_defaults_are_those_of_the_models() -> None:
-    """All but the lift, which a plan must state: not every vehicle flies."""
-    assert FilterPlan().settings(2.5) == FilterSettings()
+    """All but the lift, which a plan must state: not every vehicle flies; and errors that are constant."""
+    assert FilterPlan().settings(2.5) == FilterSettings(coloured=USUAL)
     assert LoopPlan().loop_gains == TUNED
     assert LoopPlan().settings(2.5).lift is None
 
@@ -120,7 +122,8 @@ def test_sigmas_of_the_plan_arrive_where_they_belong() -> None:
             "states": 15,
             "start": {"position_m": 1.0, "yaw_rad": 0.5, "gyro_bias_rad_s": 2e-3},
             "noise": {"wind_m_s": 0.7, "coasted_attitude_rad": 0.3},
-            "measurement": {"magnetic_field_ut": 2.0, "attitude_rad": 0.02},
+            "measurement": {"magnetic_field_ut": 2.0, "attitude_rad": 0.02, "sideslip_m_s": 9.0},
+            "coloured": {"position_m": 0.5, "position_time_s": 40.0, "hard_iron_ut": 0.0, "gust_m_s": 1.0},
             "gate": 0.0,
         }
     ).settings(4.0)
@@ -128,7 +131,10 @@ def test_sigmas_of_the_plan_arrive_where_they_belong() -> None:
     assert (told.start.position, told.start.yaw, told.start.gyro_bias) == (1.0, 0.5, 2e-3)
     assert (told.noise.wind, told.noise.coasted_attitude) == (0.7, 0.3)
     assert told.measurement.magnetic_field == pytest.approx(2e-6, rel=1e-15)  # one product
-    assert told.measurement.attitude == 0.02
+    assert (told.measurement.attitude, told.measurement.sideslip) == (0.02, 9.0)
+    assert told.coloured == replace(
+        USUAL, position=GaussMarkov(0.5, 40.0), gust=GaussMarkov(1.0, 6.6), hard_iron=0.0
+    )
 
 
 BROKEN = [
