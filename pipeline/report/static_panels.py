@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,7 +68,7 @@ class Panels:
         """The panels side by side, and above them the legend over the whole width."""
         made = [panel.figure for panel in self.of.values()]
         rows = [made[i : i + _ABREAST] for i in range(0, len(made), _ABREAST)]
-        strip = _strip(self.items)
+        strip = style.strip(self.items, _BORDER)
         return column([strip, style.grid(rows)], sizing_mode="stretch_width", spacing=0)
 
 
@@ -182,22 +182,3 @@ def recommended(tables: Tables) -> dict[str, float]:
 def rate_in_words(rate: float) -> str:
     """A rotation rate as a picture says it: ``3.2 deg/s``."""
     return f"{number(float(f'{rate * DEG_S:.4g}'))} deg/s"
-
-
-def _strip(items: Mapping[str, Sequence[Drawn]]) -> figure:
-    """A legend without a frame. What it shows beside a name is drawn in it once more, out of its sight."""
-    made = figure(
-        height=1,
-        x_range=style.span(-2.0, -1.0),
-        y_range=style.span(-2.0, -1.0),
-        toolbar_location=None,
-        sizing_mode="stretch_width",
-        min_border=0,
-        min_border_left=_BORDER,
-        outline_line_color=None,
-    )
-    made.axis.visible = made.grid.visible = False
-    point = ColumnDataSource({"x": [0.0], "y": [0.0]})
-    own = {word: made.add_glyph(point, drawn[0].glyph) for word, drawn in items.items()}
-    style.legend(made, [(word, [own[word], *drawn]) for word, drawn in items.items()])
-    return made
