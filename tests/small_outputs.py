@@ -20,6 +20,7 @@ def tables(version: int, samples: int = 500) -> dict[str, pa.Table]:
     rng = np.random.default_rng(version)
     time = START + 2_500_000 * np.arange(samples)
     clocks = {
+        "run": [None] * samples,
         "time": time,
         "header_stamp": [None, *time[1:].tolist()],
         "log_time": [None] * samples,
@@ -60,6 +61,7 @@ def provenance(named: Mapping[str, storage.Published]) -> pa.Table:
         "settings": "{}",
         "recording_bytes": 1000,
         "plan_sha256": "cd" * 32,
+        **{c.name: None for c in contracts.contract("provenance").columns if c.nullable},
         "versions": "{}",
         "duration": 0.25,
         "peak_memory": 1 << 20,

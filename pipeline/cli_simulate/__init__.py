@@ -9,12 +9,14 @@ import typer
 
 from pipeline.cli_simulate.coning_command import coning
 from pipeline.cli_simulate.drift_command import drift
+from pipeline.cli_simulate.rate_table_command import rate_table
 from pipeline.cli_simulate.static_command import static
 
 app = typer.Typer(help="Recordings with known truth.", no_args_is_help=True, rich_markup_mode=None)
 app.command()(coning)
 app.command()(drift)
 app.command()(static)
+app.command("rate_table")(rate_table)
 
 
 @app.command()

@@ -215,7 +215,8 @@ class Series:
         Topic name; a text file has none.
     message_type : str
         One of the ROS types that the writers know: ``sensor_msgs/msg/Imu``,
-        ``geometry_msgs/msg/QuaternionStamped``, ``geometry_msgs/msg/Vector3Stamped``; a text file has none.
+        ``geometry_msgs/msg/QuaternionStamped``, ``geometry_msgs/msg/Vector3Stamped``,
+        ``sensor_msgs/msg/Temperature``; a text file has none.
     log_time, header_stamp : ndarray of int64, shape (n,)
         Nanoseconds.
     columns : mapping of str to ndarray of float64, shape (n,)

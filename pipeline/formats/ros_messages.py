@@ -24,7 +24,12 @@ from pipeline.formats.base import RecordingError, Series, unknown_name
 from pipeline.formats.payload import Schema, join_path
 from pipeline.formats.ros_types import Array, Node, Primitive, Struct, Text, distribution_type
 
-TYPES = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/QuaternionStamped", "geometry_msgs/msg/Vector3Stamped")
+TYPES = (
+    "sensor_msgs/msg/Imu",
+    "geometry_msgs/msg/QuaternionStamped",
+    "geometry_msgs/msg/Vector3Stamped",
+    "sensor_msgs/msg/Temperature",
+)
 """The message types that can be written."""
 
 _LATEST = 2**31 * 10**9

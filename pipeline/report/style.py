@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -238,6 +238,29 @@ def legend(made: figure, items: Sequence[tuple[str, Sequence[Drawn]]]) -> None:
         "above",
     )
     make_room(made, 30)
+
+
+def strip(items: Mapping[str, Sequence[Drawn]], border: int) -> figure:
+    """A legend without a frame, for panels side by side, whose frames begin ``border`` pixels from the left.
+
+    What it shows beside a name is drawn in it once more, out of its sight; of markers that differ from point
+    to point (field ``shape``) a circle.
+    """
+    made = figure(
+        height=1,
+        x_range=span(-2.0, -1.0),
+        y_range=span(-2.0, -1.0),
+        toolbar_location=None,
+        sizing_mode="stretch_width",
+        min_border=0,
+        min_border_left=border,
+        outline_line_color=None,
+    )
+    made.axis.visible = made.grid.visible = False
+    point = ColumnDataSource({"x": [0.0], "y": [0.0], "shape": ["circle"]})
+    own = {word: made.add_glyph(point, drawn[0].glyph) for word, drawn in items.items()}
+    legend(made, [(word, [own[word], *drawn]) for word, drawn in items.items()])
+    return made
 
 
 def grid(rows: Sequence[Sequence[figure | None]]) -> GridPlot:
