@@ -20,15 +20,15 @@ def tables(version: int, samples: int = 500) -> dict[str, pa.Table]:
     rng = np.random.default_rng(version)
     time = START + 2_500_000 * np.arange(samples)
     clocks = {
-        "run": [None] * samples,
         "time": time,
         "header_stamp": [None, *time[1:].tolist()],
         "log_time": [None] * samples,
         "publish_time": [None] * samples,
     }
     noise = rng.standard_normal((3, samples))
+    rates = dict(zip("pqr", noise, strict=True))
     made = {
-        "gyro": contracts.table("gyro", {**clocks, **dict(zip("pqr", noise, strict=True))}),
+        "gyro": contracts.table("gyro", {**clocks, "run": [None] * samples, **rates}),
         "metrics": contracts.table("metrics", _metrics(float(version))),
         "findings": contracts.table("findings", {c: [] for c in contracts.contract("findings").units}),
     }
