@@ -32,12 +32,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 plan_app = typer.Typer(help="Check a test plan, or begin one.", no_args_is_help=True, rich_markup_mode=None)
+calibration_app = typer.Typer(
+    help="Calibrations of gyros, to correct their records by.", no_args_is_help=True, rich_markup_mode=None
+)
 schema_app = typer.Typer(help="The contracts of the tables.", no_args_is_help=True, rich_markup_mode=None)
 reproduce_app = typer.Typer(
     help="The papers' numbers, by our stages.", no_args_is_help=True, rich_markup_mode=None
 )
 app.add_typer(plan_app, name="plan")
 app.add_typer(schema_app, name="schema")
+app.add_typer(calibration_app, name="calibration")
 app.add_typer(cli_simulate.app, name="simulate")
 app.add_typer(reproduce_app, name="reproduce")
 app.command()(cli_gains.gains)
@@ -199,6 +203,20 @@ def plan_init(recording: Recording) -> None:
     from pipeline.testplan.initial import initial_plan
 
     typer.echo(initial_plan(formats.inspect(recording)), nl=False)
+
+
+@calibration_app.command("export")
+def calibration_export(
+    out: Annotated[Path, typer.Argument(help="Output folder.")],
+    recording: Annotated[
+        str | None,
+        typer.Option("--recording", help="Id of the calibrated recording; by default the only one."),
+    ] = None,
+) -> None:
+    """Print the calibration of a recording as a file, which a test plan's gyro can name."""
+    from pipeline.calibration_export import exported
+
+    typer.echo(exported(out, recording), nl=False)
 
 
 @schema_app.command("list")

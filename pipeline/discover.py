@@ -2,7 +2,7 @@
 
 A file name may hold a blank, a colon, a dollar sign: make takes none of them. So each recording gets a
 safe id and a small listing file, ``<out>/.recordings/<id>.json``, that is rewritten only when the
-recording, its test plan or the code has changed; make's rules depend on the listing alone.
+recording, its test plan, its calibration or the code has changed; make's rules depend on the listing alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pipeline import runner, storage
 from pipeline.errors import ExitCode, GyrostandError, writing
 from pipeline.formats.base import RecordingError
 from pipeline.storage.naming import COMPRESSIONS, SUFFIXES
-from pipeline.testplan import PlanError, find_plan, named_recordings, own_plan
+from pipeline.testplan import PlanError, find_plan, named_calibration, named_recordings, own_plan
 
 RULES = "recordings.mk"
 
@@ -143,7 +143,9 @@ def _listing(recording: Path) -> str:
     plan = find_plan(recording)
     of = (recording, *(part for part in named_recordings(plan, recording) if part.exists()))
     files = [file for path in of for file in _files(path)]
-    stamps = {str(p): [p.stat().st_size, p.stat().st_mtime_ns] for p in (*files, plan)}
+    calibration = named_calibration(plan, recording)
+    also = [plan] if calibration is None or not calibration.is_file() else [plan, calibration]
+    stamps = {str(p): [p.stat().st_size, p.stat().st_mtime_ns] for p in (*files, *also)}
     facts = {"recording": str(recording), "files": stamps, "code": runner.code_fingerprint()}
     return json.dumps(facts, indent=1) + "\n"
 

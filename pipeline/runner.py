@@ -20,6 +20,7 @@ import pyarrow as pa
 from pipeline import __version__, formats, limits, storage, verdicts
 from pipeline.errors import ExitCode
 from pipeline.procedures import PROCEDURES
+from pipeline.stages._calibration_file import read as read_calibration
 from pipeline.stages.base import ACCUMULATING, Stage, StageError, rows
 from pipeline.testplan import TestPlan, find_plan, load_plan
 
@@ -28,6 +29,14 @@ Progress = Callable[[str, int, int], None]
 
 VALIDATION = ("ingest", "audit")
 """The stages that say whether a recording is fit to be processed."""
+
+CALIBRATED = (
+    "calibration_name",
+    "calibration_sha256",
+    "calibration_recording",
+    "calibration_recording_sha256",
+)
+"""What provenance says of the calibration that was applied, and of the recording that it came from."""
 
 _COMPUTING = ("numpy", "scipy", "pyarrow", "numba", "mcap", "rosbags")
 
@@ -88,6 +97,7 @@ def run(
     for other in further:
         _require_outside(out, other)
         formats.detect(other)
+    calibration = test_plan.calibration(recording)
     digest, size = fingerprint(recording, *further)
     name = recording_id or storage.recording_id(recording)
     stages = PROCEDURES[test_plan.procedure]
@@ -98,6 +108,7 @@ def run(
         "recording_sha256": digest,
         "recording_bytes": size,
         "plan_sha256": test_plan.sha256,
+        **_said_of_calibration(calibration),
         "versions": json.dumps(versions, sort_keys=True),
     }
     with storage.publication(out, name) as publication:
@@ -123,6 +134,7 @@ def validate(recording: Path, plan: Path | None = None, progress: Progress | Non
     """
     formats.detect(recording)
     test_plan = load_plan(plan or find_plan(recording))
+    test_plan.calibration(recording)
     tables, _ = _run_stages(recording, test_plan, VALIDATION, progress)
     left = [stage for stage in PROCEDURES[test_plan.procedure] if stage not in VALIDATION]
     pending = {name for stage in left for name in import_module(f"pipeline.stages.{stage}").METRICS}
@@ -174,6 +186,15 @@ def code_fingerprint() -> str:
     ):
         whole.update(path.name.encode() + b"\0" + path.read_bytes())
     return whole.hexdigest()
+
+
+def _said_of_calibration(path: Path | None) -> dict[str, str | None]:
+    """What provenance says of the calibration by which the gyro is corrected; nulls where there is none."""
+    if path is None:
+        return dict.fromkeys(CALIBRATED)
+    source = read_calibration(path)
+    said = (path.name, _file_sha256(path), source.recording, source.recording_sha256)
+    return dict(zip(CALIBRATED, said, strict=True))
 
 
 def _require_outside(out: Path, recording: Path) -> None:

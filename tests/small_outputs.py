@@ -26,8 +26,9 @@ def tables(version: int, samples: int = 500) -> dict[str, pa.Table]:
         "publish_time": [None] * samples,
     }
     noise = rng.standard_normal((3, samples))
+    rates = dict(zip("pqr", noise, strict=True))
     made = {
-        "gyro": contracts.table("gyro", {**clocks, **dict(zip("pqr", noise, strict=True))}),
+        "gyro": contracts.table("gyro", {**clocks, "run": [None] * samples, **rates}),
         "metrics": contracts.table("metrics", _metrics(float(version))),
         "findings": contracts.table("findings", {c: [] for c in contracts.contract("findings").units}),
     }
@@ -60,6 +61,7 @@ def provenance(named: Mapping[str, storage.Published]) -> pa.Table:
         "settings": "{}",
         "recording_bytes": 1000,
         "plan_sha256": "cd" * 32,
+        **{c.name: None for c in contracts.contract("provenance").columns if c.nullable},
         "versions": "{}",
         "duration": 0.25,
         "peak_memory": 1 << 20,

@@ -124,7 +124,7 @@ def test_table_turns_nan_into_null_only_where_the_column_may_be_null() -> None:
     }
     assert contracts.table("metrics", metric).column("value").null_count == 1
     gyro = {c: np.array([np.nan]) for c in "pqr"} | {
-        c: [1] for c in ("time", "header_stamp", "log_time", "publish_time")
+        c: [1] for c in ("run", "time", "header_stamp", "log_time", "publish_time")
     }
     assert contracts.table("gyro", gyro).column("p").null_count == 0
 

@@ -51,7 +51,8 @@ def table(stream: str, time: NDArray[np.int64], values: Float, **clocks: NDArray
     """A stream table; clocks that are not given are null."""
     columns: dict[str, object] = {
         name: clocks.get(name, pa.nulls(len(time), pa.int64()))
-        for name in ("header_stamp", "log_time", "publish_time")
+        for name in ("run", "header_stamp", "log_time", "publish_time")
+        if name in contracts.contract(stream).units
     }
     return contracts.table(
         stream, {"time": time, **columns, **dict(zip(CHANNELS[stream], values.T, strict=True))}

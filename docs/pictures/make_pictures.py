@@ -44,6 +44,8 @@ PICTURES = {
         "static_rotation": "//section[h2='What rotation does']",
         "static_growth": "//section[h2='Growth of the angle error']",
     },
+    "table": {"rate_table_axes": "//section[h2='Input axes']"},
+    "table_axis": {"rate_table_residuals": "//section[h2='Calibration residuals']"},
 }
 """By recording and name of the picture, where on the page it is."""
 

@@ -10,6 +10,7 @@ import typer
 from pipeline.cli_simulate.coning_command import coning
 from pipeline.cli_simulate.drift_command import drift
 from pipeline.cli_simulate.navigation_command import navigation
+from pipeline.cli_simulate.rate_table_command import rate_table
 from pipeline.cli_simulate.static_command import static
 
 app = typer.Typer(help="Recordings with known truth.", no_args_is_help=True, rich_markup_mode=None)
@@ -17,6 +18,7 @@ app.command()(coning)
 app.command()(drift)
 app.command()(navigation)
 app.command()(static)
+app.command("rate_table")(rate_table)
 
 
 @app.command()

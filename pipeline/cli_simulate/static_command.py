@@ -5,15 +5,21 @@ An option about the errors of an axis holds for all axes, or, begun by ``p:``, `
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli_simulate.axis_options import (
+    ANGLE_RANDOM_WALK,
+    RAMP,
+    RATE_RANDOM_WALK,
+    coefficient,
+    known_axes,
+    noise_term,
+    of_axis,
+)
 from pipeline.cli_simulate.options import (
     BackwardStamp,
     Gap,
@@ -25,7 +31,6 @@ from pipeline.cli_simulate.options import (
     RepeatedSample,
     Seed,
     StampNoise,
-    numbers,
     quantity,
     span,
 )
@@ -47,25 +52,6 @@ class Table(StrEnum):
 
     TABLE_ANGLE = "table_angle"
     TABLE_RATE = "table_rate"
-
-
-_DEGREE = math.pi / 180
-_ANGLE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
-    {
-        "deg/sqrt(h)": _DEGREE / 60,
-        "rad/sqrt(s)": 1.0,
-        "deg/sqrt(s)": _DEGREE,
-        "deg/s/sqrt(Hz)": _DEGREE,
-        "rad/s/sqrt(Hz)": 1.0,
-    }
-)
-_RATE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
-    {"deg/h/sqrt(h)": _DEGREE / 3600 / 60, "deg/s/sqrt(s)": _DEGREE, "rad/s/sqrt(s)": 1.0}
-)
-_RAMP: Mapping[str, float] = MappingProxyType(
-    {"deg/h/h": _DEGREE / 3600**2, "deg/s/s": _DEGREE, "rad/s/s": 1.0}
-)
-_ONE_AXIS = re.compile(r"\s*(\w+)\s*:(.*)")
 
 
 def static(
@@ -139,7 +125,7 @@ def static(
     from pipeline.simulate.static_settings import StaticSettings, Turning
 
     step = "angular rate" if output is Output.ANGULAR_RATE else "angle"
-    known = _axes(axes)
+    known = known_axes(axes)
     coloured = (("--noise1", noise1), ("--noise2", noise2), ("--noise3", noise3))
     sizes = {
         "--white": white, "--rate-random-walk": rate_random_walk, "--quantisation": quantisation,
@@ -176,17 +162,6 @@ def static(
         typer.echo(written)
 
 
-def _axes(text: str) -> tuple[Axis, ...]:
-    from pipeline.simulate.static_settings import AXES
-
-    words = text.replace(",", " ").split()
-    if not words or set(words) - set(AXES):
-        raise OptionError(
-            "--axes", expected=f"some of {', '.join(AXES)}", found=repr(text), remedy="for example 'p q'"
-        )
-    return tuple(axis for axis in AXES if axis in words)
-
-
 def _errors(
     axis: Axis,
     known: Sequence[Axis],
@@ -198,79 +173,21 @@ def _errors(
     from pipeline.simulate.static_settings import AxisErrors
 
     last = dict.fromkeys(sizes, "") | {
-        option: text for option, texts in sizes.items() for text in _of(axis, known, option, texts)
+        option: text for option, texts in sizes.items() for text in of_axis(axis, known, option, texts)
     }
-    N = _coefficient("--white", last["--white"], _ANGLE_RANDOM_WALK)
-    K = _coefficient("--rate-random-walk", last["--rate-random-walk"], _RATE_RANDOM_WALK)
+    N = coefficient("--white", last["--white"], ANGLE_RANDOM_WALK)
+    K = coefficient("--rate-random-walk", last["--rate-random-walk"], RATE_RANDOM_WALK)
     terms: list[Term] = [White(N**2)] if N else []
     for option, texts in coloured:
-        terms += [_noise(option, text) for text in _of(axis, known, option, texts)]
+        terms += [noise_term(option, text) for text in of_axis(axis, known, option, texts)]
     if K:
         terms.append(RateRandomWalk(K))
     return AxisErrors(
         terms=tuple(terms),
         quantisation=quantity("--quantisation", last["--quantisation"] or "0 rad", "angle"),
         bias=quantity("--bias", last["--bias"] or "0 rad/s", "angular rate"),
-        ramp=_coefficient("--ramp", last["--ramp"], _RAMP, signed=True),
+        ramp=coefficient("--ramp", last["--ramp"], RAMP, signed=True),
     )
-
-
-def _of(axis: Axis, known: Sequence[Axis], option: str, texts: Sequence[str] | None) -> Iterator[str]:
-    """What an option says of an axis."""
-    for text in texts or ():
-        match = _ONE_AXIS.fullmatch(text)
-        if match is None:
-            yield text
-        elif match[1] not in known:
-            raise OptionError(
-                option,
-                expected=f"one of the axes {', '.join(known)} before the colon",
-                found=repr(match[1]),
-                remedy="correct it, or add it to --axes",
-            )
-        elif match[1] == axis:
-            yield match[2]
-
-
-def _coefficient(option: str, text: str, factors: Mapping[str, float], *, signed: bool = False) -> float:
-    """A number with one of these units, in SI; 0 where nothing is said."""
-    if not text:
-        return 0.0
-    number, _, unit = text.strip().partition(" ")
-    unit = unit.replace(" ", "").replace("°", "deg").replace("√h", "sqrt(h)").replace("√s", "sqrt(s)")
-    try:
-        value = float(number) * factors[unit]
-        if value < 0 and not signed:
-            raise ValueError
-        return value
-    except (ValueError, KeyError):
-        raise OptionError(
-            option,
-            expected=f"a number{'' if signed else ' of at least 0'} and a unit of {', '.join(factors)}",
-            found=repr(text),
-            remedy=f"for example '0.1 {next(iter(factors))}'",
-        ) from None
-
-
-def _noise(option: str, text: str) -> Term:
-    """``SIGMA UNIT, MU [LAMBDA] UNIT`` as a term."""
-    from pipeline.models.random_error import Noise1, Noise2, Noise3
-
-    sigma, comma, rest = text.partition(",")
-    if not comma:
-        example = "2 deg/h, 0.01 rad/s" if option == "--noise1" else "2 deg/h, 0.01 0.05 rad/s"
-        raise OptionError(
-            option,
-            expected=f"sigma with its unit, a comma, then mu{'' if option == '--noise1' else ' and lambda'} "
-            "with a unit of angular rate",
-            found=repr(text),
-            remedy=f"for example '{example}'",
-        )
-    size = quantity(option, sigma, "angular rate")
-    if option == "--noise1":
-        return Noise1(size, quantity(option, rest, "angular rate"))
-    mu, lambda_ = numbers(option, rest, "angular rate", 2)
-    return (Noise2 if option == "--noise2" else Noise3)(size, mu, lambda_)
 
 
 def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:

@@ -32,6 +32,7 @@ TYPES = (
     "geometry_msgs/msg/QuaternionStamped",
     "geometry_msgs/msg/TwistStamped",
     "geometry_msgs/msg/Vector3Stamped",
+    "sensor_msgs/msg/Temperature",
 )
 """The message types that can be written."""
 

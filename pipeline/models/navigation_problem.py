@@ -57,9 +57,9 @@ class Fixes:
     time : ndarray, shape (m,)
         Not decreasing, by the clock of the increments [s].
     value : ndarray, shape (m, k)
-        ``position``: latitude, longitude [rad], height [m]. ``velocity``: N, E, D [m/s]. ``airspeed``: true air
-        speed [m/s]. ``altitude``: of the barometer [m]. ``magnetic_field``: in body axes [T]. ``attitude``:
-        quaternion (w, x, y, z).
+        ``position``: latitude, longitude [rad], height [m]. ``velocity``: N, E, D [m/s]. ``airspeed``: true
+        air speed [m/s]. ``altitude``: of the barometer [m]. ``magnetic_field``: in body axes [T].
+        ``attitude``: quaternion (w, x, y, z).
     usable : ndarray of bool, shape (m,)
         False where the data themselves say that the fix is none: NaN, no satellites, frozen.
     """

@@ -9,10 +9,11 @@ source, and the one here is the only candidate consistent with their conclusions
 
     R(tau) = Re[c exp(-p |tau|)],  p = mu - i lambda,  c = sigma^2, of noise 3 sigma^2 (1 - i mu/lambda)
 
-White noise has ``R = N delta(tau)``, the rate random walk b' = K w no autocorrelation. S(omega) is two-sided:
-the integral of R(tau) exp(-i omega tau) over all tau.
+White noise has ``R = N delta(tau)``, the rate random walk b' = K w no autocorrelation, and quantisation is
+white noise of the angle. S(omega) is two-sided: the integral of R(tau) exp(-i omega tau) over all tau.
 
-A unit is that of the sensor (rad/s for a gyro): sigma in it, N in its square times s, K in it over sqrt(s).
+A unit is that of the sensor (rad/s for a gyro): sigma in it, N in its square times s, K in it over sqrt(s),
+Q in it times s.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class _Term:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """By name: sigma, mu, lambda, N, K."""
+        """By name: sigma, mu, lambda, N, K, Q."""
         return {field.name.rstrip("_"): float(getattr(self, field.name)) for field in fields(self)}
 
 
@@ -114,6 +115,31 @@ class RateRandomWalk(_Term):
         walk = np.zeros(n)
         np.cumsum(self.K * np.sqrt(step) * generator.standard_normal(n - 1), out=walk[1:])
         return walk
+
+
+@dataclass(frozen=True, slots=True)
+class Quantisation(_Term):
+    """White noise of the integral, of variance Q^2 at each reading: what a sensor of angle increments rounds.
+
+    Its error of the integral is bounded: the less it counts in a rate, the longer that is integrated, and the
+    more often it is read the less of it is at any one frequency. So its density is 0 here; in samples of
+    a given step it is ``Q^2 (2 sin(omega step/2))^2 / step``.
+    """
+
+    name: ClassVar[str] = "quantisation"
+    Q: float
+
+    def autocorrelation(self, tau: Float) -> Float:
+        """0, as the density. Same shape as tau."""
+        return np.zeros(np.shape(tau))
+
+    def psd(self, omega: Float) -> Float:
+        """0 of a sensor that is read ever more often; same shape as omega."""
+        return np.zeros(np.shape(omega))
+
+    def generate(self, n: int, step: float, generator: np.random.Generator) -> Float:
+        """Means over steps [s]; shape (n,)."""
+        return np.diff(self.Q / step * generator.standard_normal(n + 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +280,7 @@ class Noise3(_Periodic):
 
 
 Noise = Noise1 | Noise2 | Noise3
-Term = White | Noise1 | Noise2 | Noise3 | RateRandomWalk
+Term = White | Noise1 | Noise2 | Noise3 | RateRandomWalk | Quantisation
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +303,11 @@ class RandomError:
     def K(self) -> float:  # noqa: N802
         """Of all rate random walk in it."""
         return float(np.sqrt(sum(term.K**2 for term in self.terms if isinstance(term, RateRandomWalk))))
+
+    @property
+    def Q(self) -> float:  # noqa: N802
+        """Of all quantisation in it."""
+        return float(np.sqrt(sum(term.Q**2 for term in self.terms if isinstance(term, Quantisation))))
 
     @property
     def coloured(self) -> tuple[Noise, ...]:

@@ -1,19 +1,19 @@
 """Which random error a static record shows: fits by the debiased Whittle likelihood, chosen by BIC.
 
-The candidates are white noise alone and white noise with noise 1, 2 or 3 (`pipeline.models.random_error`).
-Their parameters are fitted as logarithms, whose uncertainty is symmetric. Schwarz' criterion ``-2 ln L + p ln
-n`` chooses: Akaike's sees colour in every second white record.
+The candidates are the forms of `pipeline.models.random_error_forms`: white noise, alone and with noise 1, 2
+or 3, each with and without a rate random walk and quantisation. Schwarz' criterion ``-2 ln L + p ln n``
+chooses: Akaike's sees colour in every second white record.
 
 The samples are rates at instants; means over a step (angle increments) are the same where mu and lambda are
-small against 1/step. A rate random walk is no candidate: in a record that is shorter than the time constant
-noise 1 is one, of ``K = sigma sqrt(2 mu)``, and then sigma and mu apart are not determined: `Candidate.slow`.
-K of such a record is known to a third at best, whatever its standard error says, for the record's ends are
-in every ordinate: Allan's deviation tells it better.
+small against 1/step. Of white noise, a walk and quantisation the likelihood is exact but for the two ends
+of the quantisation (`pipeline.numerics.whittle`). A noise 1 that is slower than the record is a walk of ``K
+= sigma sqrt(2 mu)``: the criterion takes the walk, which has a parameter less. A walk is no candidate where
+gaps are so dense that the record has no runs; there `Candidate.slow` says that noise 1 may be one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,22 +21,26 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.models import _random_error_starts as search
-from pipeline.models.random_error import Noise, Noise1, Noise2, Noise3, RandomError, White
-from pipeline.numerics import whittle
+from pipeline.models.random_error import RandomError
+from pipeline.models.random_error_forms import (
+    FORMS,
+    colour_of,
+    in_seconds,
+    model_of,
+    names,
+    process,
+    terms_of,
+)
+from pipeline.numerics import cosine_spectrum, whittle
 
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FORMS: dict[str, type[Noise1] | type[Noise2] | type[Noise3] | None] = {
-    "white": None,
-    "noise1": Noise1,
-    "noise2": Noise2,
-    "noise3": Noise3,
-}
-"""The coloured term of each candidate, beside white noise."""
-
 FEWEST_SAMPLES = 64
 """Below so many no colour can be told from white noise."""
+
+UNLIKELY = 1e-3
+"""Probability of a residual periodogram below which a model does not describe the record."""
 
 _SLOW = 20.0
 """Time constants in a record below which noise 1 cannot be told from a rate random walk: one walk in a
@@ -62,7 +66,7 @@ class Candidate:
     Attributes
     ----------
     form : str
-        A key of `FORMS`.
+        Of `FORMS`.
     theta : ndarray, shape (k,)
         Logarithms of the parameters, in the order of `names`.
     information : ndarray, shape (k, k)
@@ -74,8 +78,8 @@ class Candidate:
     whiteness : float
         Probability of a residual periodogram as far from white noise's.
     slow : bool
-        The record has fewer than twenty time constants of the colour: it cannot be told from a rate random
-        walk.
+        The record has fewer than twenty time constants of the colour: it can hardly be told from a line, or
+        from a rate random walk.
     converged : bool
     """
 
@@ -90,8 +94,8 @@ class Candidate:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters: sigma, mu, lambda, N."""
-        return _names(self.form)
+        """Of the parameters: sigma, mu, lambda, K, Q, N."""
+        return names(self.form)
 
     @property
     def model(self) -> RandomError:
@@ -102,6 +106,11 @@ class Candidate:
     def parameters(self) -> dict[str, float]:
         """Name to value, in SI units."""
         return {name: float(np.exp(x)) for name, x in zip(self.names, self.theta, strict=True)}
+
+    @property
+    def fits(self) -> bool:
+        """Whether the record may be of this form."""
+        return self.whiteness >= UNLIKELY
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -149,7 +158,6 @@ class Identified:
     Attributes
     ----------
     candidates : tuple of Candidate
-        In the order of `FORMS`.
     samples : int
         That counted.
     """
@@ -193,12 +201,14 @@ def identify(rate: Float, step: float, observed: Mask | None = None) -> Identifi
             + (", all equal" if present.size and np.ptp(present) == 0 else ""),
             remedy="record longer, or with a finer resolution",
         )
-    spectrum = whittle.periodogram(rate, observed)
-    return Identified(tuple(fit_form(spectrum, step, form) for form in FORMS), spectrum.samples)
+    spectrum = cosine_spectrum.periodogram(rate, observed)
+    return Identified(fit_forms(spectrum, step, FORMS), spectrum.samples)
 
 
-def fit_form(spectrum: whittle.Periodogram, step: float, form: str) -> Candidate:
-    """Fit one candidate.
+def fit_forms(
+    spectrum: cosine_spectrum.Periodogram, step: float, forms: Sequence[str]
+) -> tuple[Candidate, ...]:
+    """Fit candidates, each beginning where the smaller ones ended.
 
     Parameters
     ----------
@@ -206,78 +216,45 @@ def fit_form(spectrum: whittle.Periodogram, step: float, form: str) -> Candidate
         Of a record.
     step : float
         Its step [s].
-    form : str
-        A key of `FORMS`.
+    forms : sequence of str
+        Of `FORMS`; those with a walk are left out where the spectrum has none.
 
     Returns
     -------
-    Candidate
+    tuple of Candidate
+        In the order of the forms.
     """
-    lower, upper = search.bounds(spectrum, form)
-    begin = search.starts(spectrum, form)
-    fit = whittle.fit(spectrum, lambda theta: exponentials(form, theta, 1.0), begin, lower, upper)
-    f, _ = whittle.expected(spectrum, exponentials(form, fit.theta, 1.0))
+    fits: dict[str, whittle.Fit] = {}
+    possible = [form for form in forms if spectrum.walks or "rate_random_walk" not in terms_of(form)]
+    return tuple(_candidate(spectrum, step, form, _fitted(spectrum, form, fits)) for form in possible)
+
+
+def fit_form(spectrum: cosine_spectrum.Periodogram, step: float, form: str) -> Candidate:
+    """Fit one candidate, as `fit_forms` does."""
+    (candidate,) = fit_forms(spectrum, step, (form,))
+    return candidate
+
+
+def _fitted(spectrum: cosine_spectrum.Periodogram, form: str, fits: dict[str, whittle.Fit]) -> whittle.Fit:
+    """The fit of a form, in units of samples, which is kept in ``fits`` with those that it begins from."""
+    if form not in fits:
+        smaller = {part: _fitted(spectrum, part, fits).theta for part in search.parts(form)}
+        lower, upper = search.bounds(spectrum, form)
+        begin = search.starts(spectrum, form, smaller)
+        fits[form] = whittle.fit(spectrum, lambda theta: process(form, theta, 1.0), begin, lower, upper)
+    return fits[form]
+
+
+def _candidate(spectrum: cosine_spectrum.Periodogram, step: float, form: str, fit: whittle.Fit) -> Candidate:
+    f, _ = whittle.expected(spectrum, process(form, fit.theta, 1.0))
     k = len(fit.theta)
-    # From samples to seconds: mu and lambda are rates, N a density
-    scale = {"sigma": 0.0, "mu": -np.log(step), "lambda": -np.log(step), "N": np.log(step)}
-    theta = fit.theta + np.array([scale[name] for name in _names(form)])
     return Candidate(
         form,
-        theta,
+        in_seconds(form, fit.theta, step),
         fit.information,
         fit.value + k * float(np.log(spectrum.samples)),
         fit.value,
         whittle.band_whiteness(spectrum, f, k)[1],
-        k > 1 and float(np.exp(fit.theta[1])) * spectrum.length < _SLOW,
+        colour_of(form) is not None and float(np.exp(fit.theta[1])) * spectrum.length < _SLOW,
         fit.converged,
     )
-
-
-def exponentials(form: str, theta: Float, step: float) -> whittle.Exponentials:
-    """The autocorrelation of samples every step, and its derivatives by the logarithms of the parameters.
-
-    Parameters
-    ----------
-    form : str
-        A key of `FORMS`.
-    theta : ndarray, shape (k,)
-    step : float
-        [s].
-
-    Returns
-    -------
-    Exponentials
-        ``white = N / step``, c of `pipeline.models.random_error`, p times the step.
-    """
-    k = len(theta)
-    white = float(np.exp(theta[-1])) / step
-    d_white = np.zeros(k)
-    d_white[-1] = white
-    noise = _noise(form, theta)
-    if noise is None:
-        none = np.zeros((k, 0), dtype=np.complex128)
-        return whittle.Exponentials(white, none[0], none[0], d_white, none, none)
-    c, p = noise.amplitude, noise.decay * step
-    d_c, d_p = np.zeros((k, 1), dtype=np.complex128), np.zeros((k, 1), dtype=np.complex128)
-    d_c[0], d_p[1] = 2 * c, p.real
-    if k > 3:
-        d_c[1], d_c[2], d_p[2] = 1j * c.imag, -1j * c.imag, 1j * p.imag
-    return whittle.Exponentials(white, np.array([c]), np.array([p]), d_white, d_c, d_p)
-
-
-def model_of(form: str, theta: Float) -> RandomError:
-    """The random error of one form at the logarithms of its parameters."""
-    noise = _noise(form, theta)
-    white = White(float(np.exp(theta[-1])))
-    return RandomError((white,) if noise is None else (noise, white))
-
-
-def _noise(form: str, theta: Float) -> Noise | None:
-    kind = FORMS[form]
-    return None if kind is None else kind(*(float(value) for value in np.exp(theta[:-1])))
-
-
-def _names(form: str) -> tuple[str, ...]:
-    if form == "white":
-        return ("N",)
-    return ("sigma", "mu", "N") if form == "noise1" else ("sigma", "mu", "lambda", "N")

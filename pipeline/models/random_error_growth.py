@@ -11,7 +11,8 @@ with c and p of `pipeline.models.random_error`. After long time Var grows by S(o
 spectral density at the rotation rate. A second, independent sensor adds its own.
 
 The rate random walk has no R: ``Var = (2 K^2/omega^2) (t - sin(omega t)/omega)``, that is ``K^2 t^3 / 3`` at
-rest. It grows by ``2 S(omega)``, since besides the noise at omega the walk itself, over omega, grows.
+rest. It grows by ``2 S(omega)``, since besides the noise at omega the walk itself, over omega, grows. Of
+quantisation the integral has the error of its first and its last reading, ``Var = 2 Q^2`` whatever the time.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ def variance(model: RandomError, t: Float, omega: Float | float = 0.0) -> Float:
         F = kernel(noise.decay + 1j * w, t) + kernel(noise.decay - 1j * w, t)
         total = total + (noise.amplitude * F).real
     # 2 K^2 (x - sin x) / omega^3 with x = omega t
-    return total + 2 * model.K**2 * t**3 * _sine_remainder(w * t)
+    return total + 2 * model.K**2 * t**3 * _sine_remainder(w * t) + 2 * model.Q**2
 
 
 def variance_by_axis(model: RandomError, t: Float, omega: float) -> tuple[Float, Float]:
@@ -116,8 +117,9 @@ def variance_by_axis(model: RandomError, t: Float, omega: float) -> tuple[Float,
         J2 = (1/omega) int_0^t R(tau) [sin omega(2t - tau) - sin omega tau] dtau
            = (2/omega) cos(omega t) Im[exp(i omega t) I*],   I = int_0^t R(tau) exp(i omega tau) dtau
 
-    and of the rate random walk ``J2 = -(K/omega)^2 (t cos 2x + (2 sin x - 1.5 sin 2x)/omega)`` with
-    x = omega t. Across is known to rounding of the sum, over omega t where that is small.
+    and of the rate random walk ``J2 = -(K/omega)^2 (t cos 2x + (2 sin x - 1.5 sin 2x)/omega)`` with x =
+    omega t, and of quantisation, whose first reading lies along, ``J2 = Q^2 (1 + cos 2x)``. Across is known
+    to rounding of the sum, over omega t where that is small.
     """
     t = np.asarray(t, dtype=np.float64)
     J0 = variance(model, t, omega)
@@ -133,7 +135,8 @@ def variance_by_axis(model: RandomError, t: Float, omega: float) -> tuple[Float,
     J2 = 2 / omega * np.cos(x) * (np.exp(1j * x) * integral.conj()).imag
     # The bracket of the walk without the difference of its large terms: sin y = y - y^3 ((y - sin y)/y^3)
     walk = 12 * _sine_remainder(2 * x) - 2 * _sine_remainder(x) - 2 * np.sinc(x / np.pi) ** 2
-    J2 = np.where(turned, J2 - model.K**2 * t**3 * walk, J0)
+    readings = model.Q**2 * (1 + np.cos(2 * x))
+    J2 = np.where(turned, J2 - model.K**2 * t**3 * walk + readings, J0)
     return 0.5 * (J0 + J2), 0.5 * (J0 - J2)
 
 
@@ -346,8 +349,7 @@ def allan_variance(model: RandomError, tau: Float) -> Float:
     Returns
     -------
     ndarray
-        ``(4 V(tau) - V(2 tau)) / (2 tau^2)`` with V the variance at rest of the stationary terms, and ``K^2
-        tau / 3``.
+        ``(4 V(tau) - V(2 tau)) / (2 tau^2)``, V the variance at rest of all but the walk; ``K^2 tau / 3``.
     """
     tau = np.asarray(tau, dtype=np.float64)
     stationary = RandomError(tuple(term for term in model.terms if not isinstance(term, RateRandomWalk)))

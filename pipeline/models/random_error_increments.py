@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from pipeline.models.random_error import Noise1, Noise2, Noise3, RateRandomWalk, Term, White
+from pipeline.models.random_error import Noise1, Noise2, Noise3, Quantisation, RateRandomWalk, Term, White
 from pipeline.numerics._kernels_state_recursion import first_state
 
 Float = NDArray[np.float64]
@@ -30,7 +30,7 @@ def increments(term: Term, n: int, step: float, generator: np.random.Generator) 
     In the unit of the error times s. A stationary term is so from the first step on; the rate random walk
     begins at 0.
     """
-    if isinstance(term, White):
+    if isinstance(term, White | Quantisation):
         return step * term.generate(n, step, generator)
     Phi, P, Q = transition(term, step)
     start = np.zeros(len(Phi))

@@ -18,6 +18,7 @@ in the direction of the input axis.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ from pipeline.numerics.observability import analyse
 
 Float = NDArray[np.float64]
 
+_NONLINEARITY = "scale_factor_nonlinearity_"
 _ITERATIONS = 50
 _CONVERGED = 1e-14
 """Of the largest input rate: steps of the inversion that are rounding."""
@@ -55,6 +57,18 @@ class Terms:
     bias_temperature: bool = False
     scale_factor_temperature: bool = False
 
+    @classmethod
+    def of_names(cls, names: Sequence[str]) -> Terms | None:
+        """The terms that have these parameters, in this order; None where there are none such."""
+        orders = [name.removeprefix(_NONLINEARITY) for name in names if name.startswith(_NONLINEARITY)]
+        terms = cls(
+            asymmetry="scale_factor_asymmetry" in names,
+            nonlinearity=tuple(int(k) for k in orders if k.isdecimal() and int(k) > 1),
+            bias_temperature="bias_temperature_sensitivity" in names,
+            scale_factor_temperature="scale_factor_temperature_sensitivity" in names,
+        )
+        return terms if terms.names == tuple(names) else None
+
     @property
     def names(self) -> tuple[str, ...]:
         """Parameters in order; bias and scale factor first."""
@@ -62,7 +76,7 @@ class Terms:
             "bias",
             "scale_factor",
             *(["scale_factor_asymmetry"] if self.asymmetry else []),
-            *(f"scale_factor_nonlinearity_{k}" for k in self.nonlinearity),
+            *(f"{_NONLINEARITY}{k}" for k in self.nonlinearity),
             *(["bias_temperature_sensitivity"] if self.bias_temperature else []),
             *(["scale_factor_temperature_sensitivity"] if self.scale_factor_temperature else []),
         )
@@ -110,8 +124,8 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True)
-class SingleAxis:
-    """A calibration of one gyro. The output is in units of its own, written [out] here.
+class AxisCalibration:
+    """What corrects one gyro. The output is in units of its own, written [out] here.
 
     Attributes
     ----------
@@ -128,14 +142,6 @@ class SingleAxis:
         T0 [K]; NaN where no term needs it.
     largest_rate : float
         w_m [rad/s].
-    input_rate : ndarray, shape (m,)
-        Of each step, the Earth's rate included [rad/s].
-    residual, residual_error : ndarray, shape (m,)
-        Output of each step less the model, and the standard deviation it should have [out].
-    deviation : ndarray, shape (m,)
-        Output of each step less the straight line of least squares through all [out].
-    scatter : float
-        Standard deviation between steps beyond their own noise [out].
     """
 
     terms: Terms
@@ -146,11 +152,6 @@ class SingleAxis:
     coefficient_covariance: Float
     reference_temperature: float
     largest_rate: float
-    input_rate: Float
-    residual: Float
-    residual_error: Float
-    deviation: Float
-    scatter: float
 
     @property
     def standard_errors(self) -> Float:
@@ -161,16 +162,6 @@ class SingleAxis:
     def full_scale(self) -> float:
         """Output that the largest input rate makes by the scale factor alone [out]."""
         return abs(float(self.coefficients[1])) * self.largest_rate
-
-    @property
-    def residual_ppm(self) -> Float:
-        """Residual of each step in parts per million of full scale."""
-        return 1e6 * self.residual / self.full_scale
-
-    @property
-    def linearity_error_ppm(self) -> float:
-        """Largest deviation from the straight line, in parts per million of full scale."""
-        return float(1e6 * np.abs(self.deviation).max() / self.full_scale)
 
     def apply(self, raw: Float, temperature: Float | None = None) -> tuple[Float, Float]:
         """The input rate that an output tells.
@@ -214,6 +205,69 @@ class SingleAxis:
             found=f"{float(np.nanmax(np.abs(raw))):.6g}, where the non-linear terms cannot be inverted",
             remedy="calibrate over the range that is used, or with fewer terms",
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SingleAxis(AxisCalibration):
+    """A calibration of one gyro by the steps of a rate table.
+
+    Attributes
+    ----------
+    input_rate : ndarray, shape (m,)
+        Of each step, the Earth's rate included [rad/s].
+    residual, residual_error : ndarray, shape (m,)
+        Output of each step less the model, and the standard deviation it should have [out].
+    deviation : ndarray, shape (m,)
+        Output of each step less the straight line of least squares through all [out].
+    scatter : float
+        Standard deviation between steps beyond their own noise [out].
+    """
+
+    input_rate: Float
+    residual: Float
+    residual_error: Float
+    deviation: Float
+    scatter: float
+
+    @property
+    def residual_ppm(self) -> Float:
+        """Residual of each step in parts per million of full scale."""
+        return 1e6 * self.residual / self.full_scale
+
+    @property
+    def linearity_error_ppm(self) -> float:
+        """Largest deviation from the straight line, in parts per million of full scale."""
+        return float(1e6 * np.abs(self.deviation).max() / self.full_scale)
+
+
+def axis_calibration(
+    terms: Terms, value: Float, covariance: Float, *, reference_temperature: float, largest_rate: float
+) -> AxisCalibration:
+    """What corrects one gyro, from its parameters as they were published.
+
+    Parameters
+    ----------
+    terms : Terms
+    value, covariance : ndarray, shape (k,) and (k, k)
+        Of the parameters, in the order of ``terms.names``.
+    reference_temperature : float
+        T0 [K]; NaN where no term needs it.
+    largest_rate : float
+        w_m [rad/s].
+    """
+    divided, K = _divided(terms), value[1]
+    J = np.diag(np.where(divided, K, 1.0))
+    J[divided, 1] += value[divided]
+    return AxisCalibration(
+        terms=terms,
+        names=terms.names,
+        value=value,
+        covariance=covariance,
+        coefficients=np.where(divided, K * value, value),
+        coefficient_covariance=J @ covariance @ J.T,
+        reference_temperature=reference_temperature,
+        largest_rate=largest_rate,
+    )
 
 
 def fit_single_axis(
@@ -286,12 +340,16 @@ def fit_single_axis(
 
 def _parameters(terms: Terms, beta: Float) -> tuple[Float, Float]:
     """The parameters from the linear coefficients, and their derivatives by these, shape (k, k)."""
-    divided = np.array([n.startswith("scale_factor_") for n in terms.names])
-    K = beta[1]
+    divided, K = _divided(terms), beta[1]
     value = np.where(divided, beta / K, beta)
     J = np.diag(np.where(divided, 1 / K, 1.0))
     J[divided, 1] -= value[divided] / K
     return value, J
+
+
+def _divided(terms: Terms) -> NDArray[np.bool_]:
+    """Which parameters are coefficients divided by the scale factor, shape (k,)."""
+    return np.array([name.startswith("scale_factor_") for name in terms.names])
 
 
 def _enough(steps: Steps, names: tuple[str, ...]) -> None:

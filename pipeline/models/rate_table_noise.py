@@ -96,7 +96,7 @@ def noise_of_means(stretches: Sequence[Float]) -> tuple[MeanNoise, ...]:
     squares, determinant = _innovations(blocks, R, phi)
     noises = []
     for Q in np.moveaxis(squares, 1, 0):
-        if not Q.any():
+        if not Q.sum(axis=0).all():  # constant in every stretch, but for rounding
             noises.append(MeanNoise(block, prior, 0 * R, 0 * R, phi, np.ones(len(blocks))))
             continue
         deviance = freedom.sum() * np.log(Q.sum(axis=0)) + determinant

@@ -111,6 +111,8 @@ def _solved(
     length = np.diff(t)
     y = np.asarray(np.diff(cumulative(t + tau)), dtype=np.float64)
     turned = np.asarray(np.diff(cumulative(t + tau, 1)), dtype=np.float64)
+    if not turned.any():
+        raise _untold("an output that never changes", "a gyro that follows it")
     A = np.stack([-turned, x, length], axis=1)
     size = np.sqrt(np.sum(Z**2, axis=0))
     z, a, e = ((v if colour is None else colour.whiten(v)) for v in (Z / size, A / size, y))

@@ -226,7 +226,8 @@ def measure_steps(
     """Means of the gyro over the table's constant stretches, with their standard errors.
 
     The noise is that of the gyro less what the table's own motion within a stretch explains, so that a ripple
-    of the rate, which both see, is none, and the noise of the table's sensor is.
+    of the rate, which both see, is none, and the noise of the table's sensor is; and less what goes round
+    with the table.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ def _errors(
         np.gradient(angle, time[place]) - constant
         for place, angle, constant in zip(places, angles, rate, strict=True)
     ]
-    alone = [gyro[place] for place in places]
+    alone = _without_turning([gyro[place] for place in places], angles)
     beside = [g - np.outer(ripple, gain) for g, ripple in zip(alone, ripples, strict=True)]
     if not absolute:
         return standard_errors(beside)
@@ -329,3 +330,21 @@ def _errors(
     both = standard_errors([np.concatenate(pair, axis=1) for pair in zip(alone, beside, strict=True)])
     without, with_ripple = np.split(both, 2, axis=1)
     return np.where(without.sum(axis=0) < with_ripple.sum(axis=0), without, with_ripple)
+
+
+def _without_turning(stretches: Sequence[Float], angles: Sequence[Float]) -> list[Float]:
+    """The stretches less one sine of the table's angle, the same in all that make half a turn or more.
+
+    The horizontal Earth rate, or gravity on a tilted axis, is no noise, though it would pass for a slow one.
+    """
+    turning = [k for k, angle in enumerate(angles) if abs(angle[-1] - angle[0]) > np.pi]
+    found = list(stretches)
+    if not turning:
+        return found
+    waves = [np.stack([np.cos(angles[k]), np.sin(angles[k])], axis=1) for k in turning]
+    waves = [wave - wave.mean(axis=0) for wave in waves]
+    levels = [stretches[k] - stretches[k].mean(axis=0) for k in turning]
+    amplitude = np.linalg.lstsq(np.concatenate(waves), np.concatenate(levels), rcond=None)[0]
+    for k, wave in zip(turning, waves, strict=True):
+        found[k] = stretches[k] - wave @ amplitude
+    return found

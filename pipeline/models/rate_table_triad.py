@@ -32,7 +32,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 
 _ROUNDS = 3
 """Solutions with the unknowns of the input, whose effect is by the S of the one before."""
-_USEFUL = 0.01
+USEFUL = 0.01
 """Of scale factor or full scale: the standard deviation up to which S or b is called determined."""
 
 
@@ -66,8 +66,8 @@ class Decomposition:
 
 
 @dataclass(frozen=True, slots=True)
-class Triad:
-    """A calibration of three gyros, with its uncertainty.
+class TriadCalibration:
+    """What corrects three gyros, with its uncertainty.
 
     Attributes
     ----------
@@ -82,13 +82,6 @@ class Triad:
         Infinite where the observations tell nothing.
     reference_temperature : float
         T0 [K]; NaN without terms of temperature.
-    observability : Observability
-        States by name, and combinations that are told though their terms are not; the unknowns of the input
-        among them.
-    residual, residual_error : ndarray, shape (m, 3)
-        Output of each observation less the model, and the standard deviation it should have [out].
-    scatter : ndarray, shape (3,)
-        Standard deviation of each gyro between observations beyond their own noise [out].
     """
 
     names: tuple[str, ...]
@@ -96,10 +89,6 @@ class Triad:
     covariance: Float
     standard_error: Float
     reference_temperature: float
-    observability: Observability[str]
-    residual: Float
-    residual_error: Float
-    scatter: Float
 
     @property
     def S(self) -> Float:  # noqa: N802 - the symbol of the model
@@ -228,6 +217,27 @@ class Triad:
         return warmth(temperature, self.reference_temperature, count, needed=len(self.names) > 12)
 
 
+@dataclass(frozen=True, slots=True)
+class Triad(TriadCalibration):
+    """A calibration of three gyros by observations.
+
+    Attributes
+    ----------
+    observability : Observability
+        States by name, and combinations that are told though their terms are not; the unknowns of the input
+        among them.
+    residual, residual_error : ndarray, shape (m, 3)
+        Output of each observation less the model, and the standard deviation it should have [out].
+    scatter : ndarray, shape (3,)
+        Standard deviation of each gyro between observations beyond their own noise [out].
+    """
+
+    observability: Observability[str]
+    residual: Float
+    residual_error: Float
+    scatter: Float
+
+
 def fit_triad(
     observed: Observations, *, bias_temperature: bool = False, reference_temperature: float | None = None
 ) -> Triad:
@@ -345,7 +355,7 @@ def _told(
     K = float(np.abs(solution.estimate[:9]).max())
     full_scale = K * float(np.linalg.norm(observed.rate, axis=1).max())
     useful = np.ones(k + q)
-    useful[:9], useful[9:12] = _USEFUL * K, _USEFUL * full_scale
-    useful[12:k] = _USEFUL * full_scale / (warmth_range or 1.0)
+    useful[:9], useful[9:12] = USEFUL * K, USEFUL * full_scale
+    useful[12:k] = USEFUL * full_scale / (warmth_range or 1.0)
     extent = np.concatenate([np.full(k, np.inf), np.ones(q)])
     return analyse(rows, (*names, *observed.unknowns), useful, extent=extent)

@@ -141,4 +141,6 @@ def demodulate(
         return None
     spread = float(np.sum(np.abs(U[used] - U[used].mean()) ** 2) / (m - 1))
     predicted = float(variance(model, np.array(size * step), rate))
+    # of the readings between the first and the last e^(i theta) leaves what it turns by in a step
+    predicted += (size - 1) * (2 * model.Q * np.sin(0.5 * rate * step)) ** 2
     return Demodulation(rate, m, size * step, spread, predicted)

@@ -12,20 +12,31 @@ Complex = NDArray[np.complex128]
 
 @njit(cache=True)
 def expected(
-    omega: Float, n: int, c: Complex, p: Complex, dc: Complex, dp: Complex, f: Float, df: Float
+    sine: Float,
+    cosine: Float,
+    parity: Float,
+    n: int,
+    c: Complex,
+    p: Complex,
+    dc: Complex,
+    dp: Complex,
+    f: Float,
+    df: Float,
 ) -> None:
-    """Add the exponentials to f and their derivatives to df.
+    """Add the exponentials to f and their derivatives to df, of the cosine transform.
 
-    With ``q = exp(-p - i omega)``, ``u = 1/(1 - q)``, ``r = exp(-p n)`` (q^n is r at the frequencies 2 pi k /
-    n)::
+    With ``q = exp(-p - i omega)``, ``u = 1/(1 - q)``, ``r = q^n = (-1)^k exp(-p n)``::
 
         E = sum_(j<n) (1 - j/n) q^j = u - q (1 - r) u^2 / n
-        f += Re[c E(p) + c* E(p*)] - Re c
+        G = sum_(j<n) q^j = u (1 - r)
+        f += Re[c E(p) + c* E(p*)] - Re c + Im[c G(p) + c* G(p*)] / (n sin omega)
 
     Parameters
     ----------
-    omega : ndarray, shape (m,)
-        Radians a sample.
+    sine, cosine : ndarray, shape (m,)
+        Of ``omega/2``, ``omega = pi k / n`` radians a sample.
+    parity : ndarray, shape (m,)
+        ``(-1)^k``, or its mean.
     n : int
         Samples.
     c, p : complex ndarray, shape (e,)
@@ -35,28 +46,33 @@ def expected(
     f : ndarray, shape (m,)
     df : ndarray, shape (k, m)
     """
-    parameters = len(df)
     for e in range(len(c)):
+        moved = [j for j in range(len(df)) if dc[j, e] != 0 or dp[j, e] != 0]
         for sign in (1.0, -1.0):
             a, b = p[e].real, sign * p[e].imag
             amplitude = complex(c[e].real, sign * c[e].imag)
             # 1 - exp(-a - i phi) without loss of digits where both are small
             decay, decayed = np.exp(-a), -np.expm1(-a)
-            # the turn of r is that of b n, by which 1 - r is found in the same way
+            # of an even k the turn of r is that of b n, by which 1 - r is found in the same way
             half = np.sin(0.5 * b * n)
-            rest = complex(-np.expm1(-a * n) + 2 * np.exp(-a * n) * half**2, np.exp(-a * n) * np.sin(b * n))
-            for i in range(len(omega)):
-                phi = omega[i] + b
-                s, k = np.sin(0.5 * phi), np.cos(0.5 * phi)
-                left = complex(decayed + 2 * decay * s * s, 2 * decay * s * k)
-                u = 1 / left
-                q = 1 - left
-                qu = q * u
+            even = complex(-np.expm1(-a * n) + 2 * np.exp(-a * n) * half**2, np.exp(-a * n) * np.sin(b * n))
+            sine_b, cosine_b = np.sin(0.5 * b), np.cos(0.5 * b)
+            for i in range(len(sine)):
+                s, k = sine[i] * cosine_b + cosine[i] * sine_b, cosine[i] * cosine_b - sine[i] * sine_b
+                real, imaginary = decayed + 2 * decay * s * s, 2 * decay * s * k  # of 1 - q
+                size = 1 / (real * real + imaginary * imaginary)
+                u = complex(real * size, -imaginary * size)
+                qu = u - 1
+                rest = 1 - parity[i] + parity[i] * even
+                across = 0.5 / (n * sine[i] * cosine[i])
                 E = u - qu * u * rest / n
-                f[i] += (amplitude * E).real - 0.5 * amplitude.real
-                by_log = qu * u * (2 - rest) - rest * qu * u * (1 + 2 * qu) / n
-                for j in range(parameters):
+                G = u * rest
+                f[i] += (amplitude * E).real - 0.5 * amplitude.real + (amplitude * G).imag * across
+                E_by_log = qu * u * (2 - rest) - rest * qu * u * (1 + 2 * qu) / n
+                G_by_log = u * (qu * rest - n * (1 - rest))
+                for j in moved:
                     d_amplitude = complex(dc[j, e].real, sign * dc[j, e].imag)
-                    d_decay = complex(dp[j, e].real, sign * dp[j, e].imag)
-                    change = d_amplitude * E - amplitude * d_decay * by_log
+                    d_decay = amplitude * complex(dp[j, e].real, sign * dp[j, e].imag)
+                    change = d_amplitude * E - d_decay * E_by_log
                     df[j, i] += change.real - 0.5 * d_amplitude.real
+                    df[j, i] += (d_amplitude * G - d_decay * G_by_log).imag * across

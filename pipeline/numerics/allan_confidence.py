@@ -18,9 +18,11 @@ they are; for flicker nearly). For `total` the fit of SP 1065, table 7: ``nu = b
 
 alpha comes from the lag-1 autocorrelation r of the rate averaged over tau (W. J. Riley & C. A. Greenhall,
 *Power law noise identification using the lag 1 autocorrelation*, EFTF 2004): difference d times until
-``delta = r/(1 + r) < 1/4``. For d = 0 then ``alpha = -2 delta``. Beyond, theirs holds for noise that is made
-of samples; that of means over tau has other r, -0.217 for flicker and 1/4 for a random walk at d = 1, and the
-alpha of the nearest is taken.
+``delta = r/(1 + r) < 1/4``. For d = 0 then ``alpha = -2 delta``. Beyond, theirs holds for noise that is
+made of samples; that of means over tau has other r, -0.217 for flicker and 1/4 for a random walk at d = 1,
+and the alpha of the nearest is taken. Of M means r is known to about 1/sqrt(M), of thirty to 0.18, which is
+as much as neighbouring laws are apart: the law of the tau before is kept unless r is farther from it than
+chance makes.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ Integer = NDArray[np.int64]
 FEWEST_MEANS = 30
 """Averages below which an autocorrelation tells nothing: the power law of the next smaller tau holds on."""
 
+_CHANCE = 2.0
+"""Standard deviations of r from its power law's up to which that is kept."""
 _ALL_LAGS = 400
 """Lags up to which each is taken."""
 _STATIONARY = 1 / 3
@@ -115,34 +119,54 @@ def identify(record: Record, factors: Integer, steepest: int = -2) -> Integer:
     Returns
     -------
     ndarray of int64, shape (k,)
-        From 2 to ``steepest``. Where fewer than `FEWEST_MEANS` averages are left the one before holds on; in
-        a record of fewer samples it is 0, white noise.
+        From 2 to ``steepest``. Where fewer than `FEWEST_MEANS` averages are left, or they do not contradict
+        it, the one before holds on; before the first it is 0, white noise.
     """
     found, last = [], 0
     for m in factors:
-        for order in range(-steepest // 2 + 1):
-            r, count = kernels.lag_one(record.integral, record.starts, record.stops, int(m), order)
-            if count + order < FEWEST_MEANS:
-                break
-            if r < _STATIONARY or order == -steepest // 2:
-                last = _power_law(r, order)
-                break
+        if not _holds(record, int(m), last):
+            for order in range(-steepest // 2 + 1):
+                r, count = kernels.lag_one(record.integral, record.starts, record.stops, int(m), order)
+                if count + order < FEWEST_MEANS:
+                    break
+                if r < _STATIONARY or order == -steepest // 2:
+                    last = _power_law(r, order)
+                    break
         found.append(last)
     return np.array(found, dtype=np.int64)
+
+
+def _holds(record: Record, m: int, alpha: int) -> bool:
+    """Whether the averages may be of that power law: it is not given up for what chance does to r."""
+    order = _order(alpha)
+    r, count = kernels.lag_one(record.integral, record.starts, record.stops, m, order)
+    if count + order < FEWEST_MEANS:
+        return True
+    # of m normal numbers that are about white r has the variance 1/m, and is biased by -1/m
+    return bool(abs(r + 1 / count - _lag_one(alpha, order)) < _CHANCE / np.sqrt(count))
+
+
+def _order(alpha: int) -> int:
+    """How often averages of that power law are differenced."""
+    return max(0, (1 - alpha) // 2)
 
 
 def _power_law(r: float, order: int) -> int:
     """The power law whose averages, differenced so often, have a lag-1 autocorrelation next to r."""
     if order == 0:
         return int(np.clip(np.round(-2 * r / (1 + r)), -1, 2))
+    candidates = range(2 - 2 * order, -2 * order - 1, -1)
+    apart = [abs(_lag_one(alpha, order) - r) for alpha in candidates]
+    return candidates[int(np.argmin(apart))]
+
+
+def _lag_one(alpha: int, order: int) -> float:
+    """Lag-1 autocorrelation of averages of a power law, differenced so often."""
+    if order == 0:
+        return -alpha / (2 + alpha)
     weights = _alternating_binomials(2 * order + 2)
     k = np.arange(-order - 1.0, order + 2)
-    candidates = range(2 - 2 * order, -2 * order - 1, -1)
-    covariance = [
-        (weights @ _s_w(np.abs(k), 1 - a), weights @ _s_w(np.abs(k + 1), 1 - a)) for a in candidates
-    ]
-    apart = [abs(following / power - r) for power, following in covariance]
-    return candidates[int(np.argmin(apart))]
+    return float((weights @ _s_w(np.abs(k + 1), 1 - alpha)) / (weights @ _s_w(np.abs(k), 1 - alpha)))
 
 
 def degrees_of_freedom(runs: Integer, m: int, kind: Kind, alpha: int) -> float:

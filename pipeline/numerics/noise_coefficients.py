@@ -19,8 +19,11 @@ difference of the generalised covariance of x (J.-P. Chiles & P. Delfiner, *Geos
 The squares of the coefficients are at least 0 (Lawson & Hanson); covariance and fit follow from each other
 until they agree. Of all subsets of p terms the one is taken that has the least ``-2 ln L + p ln n``, L the
 likelihood of the variances, whose cube roots are about normal (Wilson & Hilferty, *PNAS* 17 (1931) 684), n
-the samples of the record. A term that is left out has an upper bound: the largest by any subset that is
-within ln n of the least, or has that term besides.
+the samples of the record. The intervals are not of that subset alone, which may be the wrong one: each end
+is where the probabilities of all subsets, ``exp(-criterion/2)``, times their own tails have the tail asked
+for as their sum (D. Turek & D. Fletcher, *Comput. Stat. Data Anal.* 56 (2012) 2809-2815). A term that is
+left out has an upper bound: the largest by any subset that is within ln n of the least, or has that term
+besides.
 """
 
 from __future__ import annotations
@@ -32,8 +35,8 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.stats import chi2, norm
+from scipy.optimize import brentq, nnls
+from scipy.special import gammaincc, gammainccinv, gammaincinv, ndtri
 
 from pipeline.numerics.allan import Record, UnusableRecordError, terms_of_runs, variances
 
@@ -48,10 +51,6 @@ _AN_OCTAVE = 1
 """Factors an octave: closer ones tell the same again, and their covariance is all but singular."""
 _ROUNDS = 30
 _SETTLED = 1e-5
-_ALLOWANCE = 1.15
-"""Standard errors for the intervals are so much larger: they hold the truth at least as often as they say,
-also where the choice of terms was a near thing: 96 to 97 % of those of 95 %, and 94 % where a random walk
-shows in the last octave of tau alone and flicker or a ramp would do as well."""
 _RUNS_OF_LAGS = 32
 """Runs whose ends get lags of their own: of more the pairs together bend but slowly."""
 _RIDGE = 1e-10
@@ -176,7 +175,7 @@ def fit_coefficients(record: Record, *, level: float = 0.95) -> NoiseCoefficient
     # A square of the fit is that of a coefficient by these powers of the step.
     units = scale * record.step ** np.array([2.0, 1.0, 0.0, -1.0, -2.0])
     return NoiseCoefficients(
-        tuple(_coefficient(j, best, rivals, units[j], level) for j in range(len(NAMES))),
+        tuple(_coefficient(j, best, shown, rivals, units[j], level) for j in range(len(NAMES))),
         best.covariance * np.outer(units, units),
         observed.tau,
         observed.variance,
@@ -185,19 +184,47 @@ def fit_coefficients(record: Record, *, level: float = 0.95) -> NoiseCoefficient
     )
 
 
-def _coefficient(j: int, best: _Fit, rivals: list[_Fit], unit: float, level: float) -> Coefficient:
+def _coefficient(
+    j: int, best: _Fit, shown: list[_Fit], rivals: list[_Fit], unit: float, level: float
+) -> Coefficient:
     """Coefficient j of the best fit; left out, with the largest bound of the rivals that have it."""
     if j not in best.subset:
-        width = _ALLOWANCE * float(norm.ppf(level))
+        width = float(ndtri(level))
         bounds = [fit.squares[j] + width * fit.standard_error(j) for fit in rivals if j in fit.subset]
         return Coefficient(NAMES[j], None, None, 0.0, float(np.sqrt(max(bounds) * unit)))
     square, error = best.squares[j] * unit, best.standard_error(j) * unit
     value = float(np.sqrt(square))
-    # a square is a weighted sum of squares: about chi-square, of so many degrees of freedom
-    nu = 2 * (square / (_ALLOWANCE * error)) ** 2
-    tail = 0.5 * (1 - level)
-    lower, upper = value * np.sqrt(nu / chi2.isf(tail, nu)), value * np.sqrt(nu / chi2.ppf(tail, nu))
+    lower, upper = np.sqrt(_interval(j, best, shown, level) * unit)
     return Coefficient(NAMES[j], value, float(error / (2 * value)), float(lower), float(upper))
+
+
+def _interval(j: int, best: _Fit, shown: list[_Fit], level: float) -> Float:
+    """Interval of square j, of all subsets by their probabilities ``exp(-criterion/2)``.
+
+    A square of a fit is a weighted sum of squares: about chi-square, of ``nu = 2 (square/error)^2``, and so
+    the truth is ``square nu/chi-square`` with the confidence of that; 0 of a subset that does not have the
+    term.
+    """
+    weight = np.exp(-0.5 * np.array([fit.criterion - best.criterion for fit in shown]))
+    weight /= weight.sum()
+    has = np.array([j in fit.subset for fit in shown])
+    square = np.array([fit.squares[j] for fit in shown])[has]
+    error = np.array([fit.standard_error(j) for fit in shown])[has]
+    nu = np.maximum(2 * (square / error) ** 2, 1.0)  # a square has one normal deviate at least
+    tail = 0.5 * (1 - level)
+    # chi-square of nu is twice a gamma variable of nu/2
+    half, rare = 0.5 * nu, 1e-3 * tail
+    lowest, highest = square * half / gammainccinv(half, rare), square * half / gammaincinv(half, rare)
+    without = float(weight[~has].sum())
+
+    def below(x: float) -> float:
+        return without + float(weight[has] @ gammaincc(half, square * half / np.exp(x)))
+
+    def bound(probability: float) -> float:
+        ends = np.log(lowest.min()), np.log(highest.max())
+        return float(np.exp(brentq(lambda x: below(x) - probability, *ends, xtol=1e-6)))
+
+    return np.array([bound(tail) if below(np.log(lowest.min())) < tail else 0.0, bound(1 - tail)])
 
 
 def _fit(V: Float, A: Float, spreads: Float, subset: tuple[int, ...], penalty: float) -> _Fit | None:

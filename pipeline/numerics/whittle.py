@@ -1,21 +1,24 @@
-"""The debiased Whittle likelihood of a stationary process, and its maximum.
+"""The debiased Whittle likelihood of a random process, in the cosine transform, and its maximum.
 
 Sykulski, Olhede, Guillaumin, Lilly & Early, *Biometrika* 106 (2019) 251-266; with gaps Guillaumin, Sykulski,
-Olhede & Simons, *J. R. Stat. Soc. B* 84 (2022) 1526-1557. The periodogram I is held against its expected
-value f, not against the spectral density, so that neither leakage nor aliasing nor the record's end biases
-the parameters::
+Olhede & Simons, *J. R. Stat. Soc. B* 84 (2022) 1526-1557. The squares I of a transform are held against their
+expected value f, not against the spectral density, so that neither leakage nor aliasing nor the record's end
+biases the parameters. The transform is the cosine one of `pipeline.numerics.cosine_spectrum`::
 
-    I_k = |sum_j x_j exp(-i omega_k j)|^2 / n,   omega_k = 2 pi k / n
-    f_k = E I_k = sum_(|j|<n) (1 - |j|/n) R_j exp(-i omega_k j)
-    -2 ln L = sum over the n - 1 non-zero frequencies of ln f + I/f
+    theta_k = pi k / n,   k = 1 ... n - 1
+    f_k = E I_k = sum_(|m|<n) R_m [(1 - |m|/n) cos(m theta_k) - sin(|m| theta_k) / (n sin theta_k)]
+    -2 ln L = sum over the n - 1 ordinates of ln f + I/f
 
-For ``R_j = white delta_j + Re sum c exp(-p j)`` f has a closed form at each frequency by itself. Of a long
-record the ordinates above the first `SINGLE` are therefore averaged over bins of a relative width of
-1/`BINS_AN_E_FOLD`, within which f is constant for any line wider than that: a bin of m ordinates has a gamma
-distribution of mean f and counts m times. A sample of observed rows only (gaps) has ``f_k = sum g_j R_j
-exp(-i omega_k j)`` with g the autocorrelation of the mask, by FFT; a longer one is cut into blocks whose
-periodograms and masks' autocorrelations are averaged. Its ordinates are as many as those of the whole grid,
-but not independent: each counts for the observed share.
+In a periodogram (of Fourier's transform) a random walk has its ends in every ordinate. Here it is diagonal:
+with ``x_j = sum_(i<=j) e_i`` the precision of the deviations from the mean is D^T D/q, D the first
+differences, whose eigenvectors are those cosines. With ``var e = q``::
+
+    f_k = q / (4 sin^2(theta_k / 2))
+
+is exact, the ordinates are independent, and of white noise with a random walk the likelihood is that of the
+samples themselves. White noise differenced, ``x_j = v_(j+1) - v_j``, has ``f_k = 4 v^2 [sin^2(theta_k/2) +
+cos^2(theta_k/2)/n]``. For ``R_m = Re sum c exp(-p m)`` there is a closed form at each ordinate by itself.
+A bin of m ordinates has a gamma distribution of mean f and counts m times.
 """
 
 from __future__ import annotations
@@ -25,73 +28,36 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, prev_fast_len, rfft
+from scipy.fft import rfft
 from scipy.special import chdtrc, gammainc, gammaincc, ndtri
 
 from pipeline.numerics import _kernels_whittle as kernels
+from pipeline.numerics.cosine_spectrum import Periodogram
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Mask = NDArray[np.bool_]
 
-SINGLE = 16384
-"""Lowest ordinates that are never averaged."""
-BINS_AN_E_FOLD = 1000
-"""Bins in a factor e of frequency."""
-LONGEST_BLOCK = 2**19
-"""Rows of a block where there are gaps: the expected values need FFTs of it."""
-_TRIMMED = 2**17
-"""Rows from which a record is cut to a length of quick FFT; that costs less than 1 percent of them."""
-_STEPS, _LONGEST_STEP, _SMALL_DECREASE = 60, 1.5, 1e-7
+_STEPS, _LONGEST_STEP, _SMALL_DECREASE = 60, 1.5, 1e-5
 
 
 @dataclass(frozen=True, slots=True)
-class Periodogram:
-    """The averaged periodogram of a record.
+class Process:
+    """A process, and its derivatives by k parameters.
 
     Attributes
     ----------
-    omega : ndarray, shape (m,)
-        Mean angular frequency of each bin, radians a sample.
-    value : ndarray, shape (m,)
-        Mean of I over each bin.
-    count : ndarray, shape (m,)
-        Ordinates of the full circle in each bin, times the observed share; together the samples, less one.
-    samples : int
-        Observed samples.
-    length : int
-        n of the transform.
-    window : ndarray, shape (length,), or None
-        ``g_j`` of the mask; None for ``1 - j/n``, without gaps.
-    first : int ndarray, shape (m,)
-        First ordinate of each bin, from 0 for the lowest non-zero frequency.
-    """
-
-    omega: Float
-    value: Float
-    count: Float
-    samples: int
-    length: int
-    window: Float | None
-    first: NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True)
-class Exponentials:
-    """An autocorrelation ``R_j = white delta_j + Re sum c exp(-p j)``, and its derivatives by k parameters.
-
-    Attributes
-    ----------
-    white : float
+    levels : ndarray, shape (3,)
+        Of `LEVELS`.
     c, p : complex ndarray, shape (e,)
-    d_white : ndarray, shape (k,)
+        Of what is stationary besides: ``R_j = Re sum c exp(-p j)``.
+    d_levels : ndarray, shape (k, 3)
     d_c, d_p : complex ndarray, shape (k, e)
     """
 
-    white: float
+    levels: Float
     c: Complex
     p: Complex
-    d_white: Float
+    d_levels: Float
     d_c: Complex
     d_p: Complex
 
@@ -116,54 +82,30 @@ class Fit:
     converged: bool
 
 
-def periodogram(x: Float, observed: Mask | None = None) -> Periodogram:
-    """The periodogram of a record about its mean.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Evenly sampled; anything where not observed.
-    observed : ndarray of bool, shape (n,), optional
-        False in gaps.
-
-    Returns
-    -------
-    Periodogram
-        Of the first rows up to a length of quick FFT where there are many.
-    """
-    if observed is not None and not observed.all():
-        return _with_gaps(x, observed)
-    n = int(prev_fast_len(len(x), real=True)) if len(x) > _TRIMMED else len(x)
-    centred = x[:n] - np.mean(x[:n])
-    transform = rfft(centred, overwrite_x=True)[1:]
-    ordinates = (transform.real**2 + transform.imag**2) / n
-    return _binned(ordinates, n, n, None)
-
-
-def grid(n: int) -> Periodogram:
-    """The frequencies of a record of n samples without gaps, I being 0: for `expected` and `information`."""
-    return _binned(np.zeros(n // 2), n, n, None)
-
-
-def expected(spectrum: Periodogram, model: Exponentials) -> tuple[Float, Float]:
+def expected(spectrum: Periodogram, model: Process) -> tuple[Float, Float]:
     """The expected periodogram and its derivatives.
 
     Parameters
     ----------
     spectrum : Periodogram
-    model : Exponentials
-        e exponentials, k parameters.
+    model : Process
+        e exponentials, k parameters; without a walk where the spectrum has none.
 
     Returns
     -------
     f : ndarray, shape (m,)
     df : ndarray, shape (k, m)
     """
-    share = 1.0 if spectrum.window is None else float(spectrum.window[0])
-    f = np.full(len(spectrum.omega), share * model.white)
-    df = np.repeat(share * model.d_white[:, np.newaxis], len(f), axis=1)
+    levels = spectrum.levels()
+    f, df = model.levels @ levels, model.d_levels @ levels
     if spectrum.window is None:
-        kernels.expected(spectrum.omega, spectrum.length, model.c, model.p, model.d_c, model.d_p, f, df)
+        sine, cosine, begin = np.sin(0.5 * spectrum.omega), np.cos(0.5 * spectrum.omega), 0
+        c, p, d_c, d_p = model.c, model.p, model.d_c, model.d_p
+        for n, bins in spectrum.runs:
+            rows = slice(begin, begin + bins)
+            parity = spectrum.parity[rows]
+            kernels.expected(sine[rows], cosine[rows], parity, n, c, p, d_c, d_p, f[rows], df[:, rows])
+            begin += bins
         return f, df
     j = np.arange(spectrum.length, dtype=np.float64)
     for c, p, d_c, d_p in zip(model.c, model.p, model.d_c.T, model.d_p.T, strict=True):
@@ -176,18 +118,18 @@ def expected(spectrum: Periodogram, model: Exponentials) -> tuple[Float, Float]:
 
 
 def minus_two_log_likelihood(spectrum: Periodogram, f: Float) -> float:
-    """``sum over the non-zero frequencies of ln f + I/f``."""
+    """``sum over the ordinates of ln f + I/f``."""
     return float(spectrum.count @ (np.log(f) + spectrum.value / f))
 
 
-def information(spectrum: Periodogram, model: Exponentials) -> Float:
+def information(spectrum: Periodogram, model: Process) -> Float:
     """Whittle's Fisher matrix, half the sum of ``(d ln f)(d ln f)^T`` over the frequencies, shape (k, k)."""
     return _fisher(spectrum, *expected(spectrum, model))
 
 
 def fit(
     spectrum: Periodogram,
-    model: Callable[[Float], Exponentials],
+    model: Callable[[Float], Process],
     starts: Sequence[Float],
     lower: Float,
     upper: Float,
@@ -198,7 +140,7 @@ def fit(
     ----------
     spectrum : Periodogram
     model : callable
-        The autocorrelation at parameters theta, of shape (k,). Parameters are logarithms, or of like size.
+        The process at parameters theta, of shape (k,). Parameters are logarithms, or of like size.
     starts : sequence of ndarray, each of shape (k,)
     lower, upper : ndarray, shape (k,)
 
@@ -230,59 +172,16 @@ def band_whiteness(spectrum: Periodogram, f: Float, parameters: int) -> tuple[fl
     -------
     statistic, p_value : float
     """
-    # Bands of ordinates 1 to 3, 4 to 7, 8 to 15 ...
-    band = np.maximum(np.log2(spectrum.first + 1.0).astype(np.intp), 1)
-    _, start = np.unique(band, return_index=True)
-    m = 0.5 * np.add.reduceat(spectrum.count, start)
-    total = 0.5 * np.add.reduceat(spectrum.count * spectrum.value / f, start)
+    # Bands of ordinates 1 to 3, 4 to 7, 8 to 15 ... of the longest run, and what others have there
+    ordinate = spectrum.omega / spectrum.omega.min()
+    band = np.maximum(np.log2(ordinate + 1e-6).astype(np.intp), 1)
+    m = 0.5 * np.bincount(band, spectrum.count)
+    total = 0.5 * np.bincount(band, spectrum.count * spectrum.value / f)[m > 0]
+    m = m[m > 0]
     below, above = gammainc(m, total), gammaincc(m, total)
     z = np.where(below < above, ndtri(below), -ndtri(above))
     statistic = float(z @ z)
     return statistic, float(chdtrc(max(len(z) - parameters, 1), statistic))
-
-
-def _with_gaps(x: Float, observed: Mask) -> Periodogram:
-    """The periodogram of the observed rows, averaged over blocks where the record is long."""
-    blocks = -(-len(x) // LONGEST_BLOCK)
-    n = int(next_fast_len(-(-len(x) // blocks), real=True))
-    there = np.zeros(blocks * n)
-    there[: len(x)] = observed
-    centred = np.zeros(blocks * n)
-    centred[: len(x)][observed] = x[observed] - np.mean(x[observed])
-    ordinates, window = np.zeros(n // 2), np.zeros(n)
-    for rows in range(0, blocks * n, n):
-        transform = rfft(centred[rows : rows + n])[1:]
-        ordinates += (transform.real**2 + transform.imag**2) / (n * blocks)
-        padded = rfft(there[rows : rows + n], next_fast_len(2 * n, real=True))
-        correlation = irfft(padded.real**2 + padded.imag**2, next_fast_len(2 * n, real=True))
-        window += correlation[:n] / (n * blocks)
-    samples = int(np.count_nonzero(observed))
-    return _binned(ordinates, n, samples, window)
-
-
-def _binned(ordinates: Float, n: int, samples: int, window: Float | None) -> Periodogram:
-    """Average the n // 2 ordinates of the half circle above the first `SINGLE`."""
-    half = len(ordinates)
-    multiplicity = np.full(half, 2.0)
-    if n % 2 == 0:
-        multiplicity[-1] = 1.0  # Nyquist's frequency is there once
-    first = _bins(half)
-    weight = np.add.reduceat(multiplicity, first)
-    omega = 2 * np.pi / n * np.arange(1, half + 1)
-    mean_omega = np.add.reduceat(multiplicity * omega, first) / weight
-    value = np.add.reduceat(multiplicity * ordinates, first) / weight
-    count = weight * ((samples - 1) / (n - 1))
-    return Periodogram(mean_omega, value, count, samples, n, window, first)
-
-
-def _bins(half: int) -> NDArray[np.intp]:
-    """First ordinate of each bin."""
-    single = np.arange(min(half, SINGLE))
-    if half <= SINGLE:
-        return single
-    steps = int(np.log(half / SINGLE) * BINS_AN_E_FOLD) + 1
-    wide = np.unique((SINGLE * np.exp(np.arange(steps) / BINS_AN_E_FOLD)).astype(np.intp))
-    return np.concatenate([single, wide[wide < half]])
 
 
 def _transformed(spectrum: Periodogram, product: Float) -> Float:
@@ -295,7 +194,7 @@ def _transformed(spectrum: Periodogram, product: Float) -> Float:
 
 
 def _climb(
-    spectrum: Periodogram, model: Callable[[Float], Exponentials], theta: Float, lower: Float, upper: Float
+    spectrum: Periodogram, model: Callable[[Float], Process], theta: Float, lower: Float, upper: Float
 ) -> Fit:
     f, df = expected(spectrum, model(theta))
     value, damping = minus_two_log_likelihood(spectrum, f), 1e-3

@@ -43,6 +43,7 @@ FIGURES: Mapping[str, str] = MappingProxyType(
     {
         "coning": "pipeline.report.coning",
         "drift": "pipeline.report.drift",
+        "rate_table": "pipeline.report.rate_table",
         "navigation": "pipeline.report.navigation",
         "static": "pipeline.report.static",
     }

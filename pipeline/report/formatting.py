@@ -12,20 +12,29 @@ _MOST_DECIMALS = 9  # an error that is smaller than these is none that a reader 
 _LARGEST_POWER = 300  # beyond, a power of ten is no longer exact
 
 
-def number(value: float | None) -> str:
+def number(value: float | None, error: float | None = None) -> str:
     """A figure in four significant digits; beyond 0.001 … 1 000 000 times a power of a thousand.
 
-    A whole number is given whole, a missing one as a dash; digits that are only zeros are left out.
+    A whole number is given whole, a missing one as a dash; digits that are only zeros are left out. Beside a
+    standard error that is smaller than these digits show, there are as many as the error has.
     """
     if value is None or not math.isfinite(value):
         return "–"
     if value == int(value) and abs(value) < 1e15:
         return _spaced(f"{int(value):,}")
     mantissa, magnitude, power = _split(value)
-    decimals = max(_DIGITS - 1 - magnitude + power, 0)
+    decimals = max(_DIGITS - 1 - magnitude + power, _decimals(error, power), 0)
     text = f"{mantissa * 10.0 ** (magnitude - power) if power else value:,.{decimals}f}"
     exact = float(f"{mantissa}e{magnitude}") == value
     return _spaced(_stripped(text) if exact else text) + _times(power)
+
+
+def _decimals(error: float | None, power: int) -> int:
+    """Decimals that show a standard error in two digits, beside a power of ten; 0 if too many."""
+    if error is None or not 0.0 < error < math.inf or abs(power) > _LARGEST_POWER:
+        return 0
+    decimals = 1 - math.floor(math.log10(error)) + power
+    return decimals if decimals <= _MOST_DECIMALS else 0
 
 
 def standard_error(error: float | None, value: float | None) -> str:

@@ -142,7 +142,7 @@ class Board:
         """The panels, below another picture where there is one, and above all the legend: outages last."""
         items = {word: drawn for word, drawn in self.items.items() if word != LOST}
         items |= {LOST: self.items[LOST]} if LOST in self.items else {}
-        parts: list[LayoutDOM] = [style.legend_strip(items, BORDER)] if items else []
+        parts: list[LayoutDOM] = [style.strip(items, BORDER)] if items else []
         parts += [above] if above is not None else []
         return stacked([*parts, style.grid(self.rows)], sizing_mode="stretch_width", spacing=0)
 

@@ -64,6 +64,7 @@ def provenance(table: pa.Table) -> str:
         ("Recording", escape(first["recording_name"]), size(first["recording_bytes"])),
         ("SHA-256 of the recording", _code(first["recording_sha256"]), ""),
         ("SHA-256 of the test plan", _code(first["plan_sha256"]), ""),
+        *_calibration(first),
         ("Versions", _pairs(first["versions"]), ""),
     ]
     listed = "".join(f"<dt>{name}</dt><dd>{text} {extra}</dd>" for name, text, extra in facts)
@@ -76,10 +77,22 @@ def provenance(table: pa.Table) -> str:
     return _fold("How these tables came about", f"<dl>{listed}</dl>{listed_stages}")
 
 
+def _calibration(row: Row) -> list[tuple[str, str, str]]:
+    """The calibration by which the gyro was corrected, and what it came from."""
+    if row["calibration_name"] is None:
+        return []
+    source = f"from the recording {escape(row['calibration_recording'])}"
+    return [
+        ("Calibration applied", escape(row["calibration_name"]), source),
+        ("SHA-256 of the calibration", _code(row["calibration_sha256"]), ""),
+        ("SHA-256 of its recording", _code(row["calibration_recording_sha256"]), ""),
+    ]
+
+
 def _judged(rows: Sequence[Row]) -> str:
     body = "".join(
         f"<tr><td>{escape(words(row['name']))}</td><td>{escape(row['channel'])}</td>"
-        f"<td class=num title={_exact(row['value'])}>{number(row['value'])}</td>"
+        f"<td class=num title={_exact(row['value'])}>{number(row['value'], row['standard_error'])}</td>"
         f"<td class=num>{_error(row)}</td><td>{escape(unit(row['unit']))}</td>"
         f"<td class=num>{escape(limits(row))}</td><td>{bar(row)}</td><td>{badge(row['verdict'])}</td></tr>"
         for row in rows
@@ -119,7 +132,8 @@ def _cell(row: Row | None) -> str:
     if row is None:
         return "<td></td>"
     error = "" if row["standard_error"] is None else f' <span class="error">± {_error(row)}</span>'
-    return f"<td class=num title={_exact(row['value'])}>{number(row['value'])}{error}</td>"
+    value = number(row["value"], row["standard_error"])
+    return f"<td class=num title={_exact(row['value'])}>{value}{error}</td>"
 
 
 def _error(row: Row) -> str:

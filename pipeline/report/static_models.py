@@ -46,6 +46,7 @@ _PARAMETERS = {
     "mu": Shown("1/μ [s]", 1.0, -1.0),
     "lambda": Shown("2π/λ [s]", 2 * math.pi, -1.0),
     "K": Shown("K [deg/h/√h]", DEG_S * 3600 * 60, 1.0),
+    "Q": Shown("Q [″]", DEG_H, 1.0),
 }
 
 

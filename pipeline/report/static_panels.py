@@ -68,7 +68,7 @@ class Panels:
         """The panels side by side, and above them the legend over the whole width."""
         made = [panel.figure for panel in self.of.values()]
         rows = [made[i : i + _ABREAST] for i in range(0, len(made), _ABREAST)]
-        strip = style.legend_strip(self.items, _BORDER)
+        strip = style.strip(self.items, _BORDER)
         return column([strip, style.grid(rows)], sizing_mode="stretch_width", spacing=0)
 
 

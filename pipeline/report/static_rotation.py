@@ -87,7 +87,7 @@ def _draw_growth(made: Panels, channel: str, table: pa.Table) -> None:
     if np.isfinite(schuler).any():
         made.note("beyond Schuler's period", line(panel, rate, schuler, FAINT, width=1.2))
     style.hover(panel.figure, curve, [("rotation rate [deg/s]", "x"), ("√S [deg/√h]", "y")])
-    if rate[0] == 0.0:
+    if rate[0] == 0.0 and np.isfinite(growth[0]):
         ends = np.array(panel.x)
         made.note("without rotation", line(panel, ends, np.full(2, growth[0]), BLACK, width=1.2, dash="2 3"))
 

@@ -251,10 +251,11 @@ def legend(made: figure, items: Sequence[tuple[str, Sequence[Drawn]]]) -> None:
     make_room(made, 30)
 
 
-def legend_strip(items: Mapping[str, Sequence[Drawn]], left: int) -> figure:
-    """A legend without a frame, over the whole width, for the figures below it; ``left`` in pixels.
+def strip(items: Mapping[str, Sequence[Drawn]], border: int) -> figure:
+    """A legend without a frame, for panels side by side, whose frames begin ``border`` pixels from the left.
 
-    What it shows beside a name is drawn in it once more, out of its sight.
+    What it shows beside a name is drawn in it once more, out of its sight; of markers that differ from point
+    to point (field ``shape``) a circle.
     """
     made = figure(
         height=1,
@@ -263,11 +264,11 @@ def legend_strip(items: Mapping[str, Sequence[Drawn]], left: int) -> figure:
         toolbar_location=None,
         sizing_mode="stretch_width",
         min_border=0,
-        min_border_left=left,
+        min_border_left=border,
         outline_line_color=None,
     )
     made.axis.visible = made.grid.visible = False
-    point = ColumnDataSource({"x": [0.0], "y": [0.0]})
+    point = ColumnDataSource({"x": [0.0], "y": [0.0], "shape": ["circle"]})
     own = {word: made.add_glyph(point, drawn[0].glyph) for word, drawn in items.items()}
     legend(made, [(word, [own[word], *drawn]) for word, drawn in items.items()])
     return made

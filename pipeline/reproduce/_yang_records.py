@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.models.random_error import Noise, RandomError, White
-from pipeline.models.random_error_fit import Candidate, exponentials, fit_form, identify
-from pipeline.numerics import whittle
+from pipeline.models.random_error_fit import Candidate, fit_form, identify
+from pipeline.models.random_error_forms import process
+from pipeline.numerics import cosine_spectrum, whittle
 from pipeline.reproduce._yang_noises import NOISES, RATE, RESONANT, SOURCE, title
 from pipeline.reproduce.rows import Expected, Row, at_most, near
 
@@ -57,7 +58,7 @@ def _theta(noise: Noise) -> Float:
 def _bound(noise: Noise) -> float:
     """Least standard deviation of an unbiased ln(S + N)."""
     theta = _theta(noise)
-    information = whittle.information(whittle.grid(_SAMPLES), exponentials(noise.name, theta, _STEP))
+    information = whittle.information(cosine_spectrum.grid(_SAMPLES), process(noise.name, theta, _STEP))
     true = Candidate(noise.name, theta, information, 0.0, 0.0, 1.0, False, True)
     return float(true.standard_error(_log_density))
 
@@ -68,7 +69,7 @@ def _errors(noise: Noise) -> tuple[Float, float]:
     error, standard_error = np.empty(_FITTED), np.empty(_FITTED)
     for seed in range(_FITTED):
         x = truth.generate(_SAMPLES, _STEP, np.random.default_rng(seed))
-        fitted = fit_form(whittle.periodogram(x), _STEP, noise.name)
+        fitted = fit_form(cosine_spectrum.periodogram(x), _STEP, noise.name)
         error[seed] = _log_density(fitted.model) - _log_density(truth)
         standard_error[seed] = fitted.standard_error(_log_density)
     return error, float(np.mean(np.abs(error) < 1.96 * standard_error))

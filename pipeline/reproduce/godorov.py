@@ -11,7 +11,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline import contracts
-from pipeline.formats.base import CLOCKS
 from pipeline.models.coning import ConingMotion, Motion, SmoothConing
 from pipeline.numerics.interpolation import MethodName
 from pipeline.reproduce.rows import Expected, Row, at_most, near
@@ -172,5 +171,5 @@ def _clock(start: float, rate: int) -> tuple[Time, Float]:
 
 def _table(name: str, time: Time, channels: tuple[str, ...], values: Float) -> pa.Table:
     """A stream without clocks of a recorder; values (n, 3)."""
-    absent = {clock: pa.nulls(len(time), pa.int64()) for clock in CLOCKS}
-    return contracts.table(name, {"time": time, **absent, **dict(zip(channels, values.T, strict=True))})
+    absent = dict.fromkeys(contracts.contract(name).schema.names, pa.nulls(len(time)))
+    return contracts.table(name, {**absent, "time": time, **dict(zip(channels, values.T, strict=True))})

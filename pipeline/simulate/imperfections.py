@@ -24,6 +24,7 @@ _EFFECTS = (
     *("rate noise", "angle noise", "sample jitter", "stamp noise", "log jitter", "reference noise"),
     *("encoder noise", "coloured encoder noise", "outliers"),
     *("random error", "random angle error"),
+    *("orientation", "angle of a turn", "bias of a run", "table noise", "temperature noise"),
     *(
         "inertial noise",
         "inertial wander",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pipeline.formats.text import TIME_COLUMN
 from pipeline.simulate.streams import RecordedStream
 
-Value = str | int | float | bool | Sequence[str] | Sequence[float]
+Value = str | int | float | bool | Sequence[str] | Sequence[float] | Sequence[Mapping[str, str | int | float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,5 +129,8 @@ def _keys(values: Mapping[str, Value]) -> list[str]:
 
 
 def _toml(value: Value) -> str:
-    """A TOML value: JSON's strings, booleans, numbers and lists are TOML's."""
+    """A TOML value: JSON's strings, booleans, numbers and lists of them are TOML's."""
+    tables = [one for one in value if isinstance(one, Mapping)] if isinstance(value, Sequence) else []
+    if tables:
+        return "[\n" + "".join(f"    {{ {', '.join(_keys(one))} }},\n" for one in tables) + "]"
     return json.dumps(value, ensure_ascii=False)

@@ -27,6 +27,13 @@ Of the procedure `static`:
 ``static.mcap``
     Four hours of angle increments each 2 s, of each axis another noise, with a gap.
 
+Of the procedure `rate_table`:
+
+``table.mcap``
+    Three gyros in a case, mounted on a rate table about each of its axes; an encoder that begins again at 0.
+``table_axis.csv``
+    One gyro against the table's rate, while it warms: asymmetry, non-linearity, sensitivities to temperature.
+
 Of the procedure `navigation`:
 
 ``flight.mcap``
@@ -52,6 +59,9 @@ from pipeline.simulate.navigation import simulate_navigation
 from pipeline.simulate.navigation_scenarios import STRAIGHT, scenario
 from pipeline.simulate.navigation_settings import FlightSettings, Manoeuvre, NavigationSettings
 from pipeline.simulate.plan import Limit, Processing, paper_stages
+from pipeline.simulate.rate_table import simulate_rate_table
+from pipeline.simulate.rate_table_samples import CASE_OF_THREE, WARMING_GYRO, specified
+from pipeline.simulate.rate_table_settings import RateTableSettings
 from pipeline.simulate.static import simulate_static
 from pipeline.simulate.static_settings import AxisErrors, StaticSettings
 from pipeline.simulate.streams import AngleUnit
@@ -61,7 +71,7 @@ from pipeline.simulate.streams import AngleUnit
 class Sample:
     """One sample recording: what is simulated, with which seed, and how it is to be processed."""
 
-    settings: ConingSettings | DriftSettings | StaticSettings | NavigationSettings
+    settings: ConingSettings | DriftSettings | StaticSettings | RateTableSettings | NavigationSettings
     processing: Processing
     seed: int = 0
     angle_unit: AngleUnit = "rad"
@@ -76,6 +86,9 @@ class Sample:
         elif isinstance(self.settings, StaticSettings):
             record = simulate_static(self.settings, self.seed)
             record.write(path, processing=self.processing, angle_unit=self.angle_unit)
+        elif isinstance(self.settings, RateTableSettings):
+            on_table = simulate_rate_table(self.settings, self.seed)
+            on_table.write(path, processing=self.processing, angle_unit=self.angle_unit)
         else:
             simulated = simulate_coning(self.settings, self.seed)
             simulated.write(path, processing=self.processing, angle_unit=self.angle_unit)
@@ -86,6 +99,7 @@ _DEG_H = radians(1 / 3600)
 _ROOT_HOUR = 60.0
 """Square root of an hour's seconds: 1 deg/sqrt(h) is a degree over it, in rad/sqrt(s)."""
 _GIMBAL_STAND = "simulated gimbal stand"
+_RATE_TABLE = "simulated rate table"
 _STANDING = (0.8 * _ARCMIN, -0.6 * _ARCMIN, 0.5 * _ARCMIN)
 """Misalignment Delta chi of the base."""
 
@@ -292,9 +306,28 @@ SAMPLES: Mapping[str, Sample] = MappingProxyType(
                 limits=(
                     Limit("lost_count", "gyro_increments", 30.0, None, "samples; a minute was lost"),
                     Limit("longest_gap", "gyro_increments", 63.0, None, "s"),
+                    Limit("model_N", "p", 0.022, None, "deg/sqrt(h); the gyro's specification"),
+                    Limit("model_N", "q", 0.022, None, "deg/sqrt(h); by Allan it has some of the colour"),
+                    Limit("model_N", "r", 0.012, None, "deg/sqrt(h)"),
+                    Limit("model_K", "r", 1.3, None, "deg/h/sqrt(h)"),
+                    Limit("model_Q", "r", 1.2, None, "arcsec"),
+                    Limit("N", "r", 0.012, None, "deg/sqrt(h), by the Allan variance"),
+                    Limit("K", "r", 1.3, None, "deg/h/sqrt(h), by the Allan variance"),
+                    Limit("Q", "r", 1.2, None, "arcsec, by the Allan variance"),
                 ),
             ),
             seed=10,
+        ),
+        "table.mcap": Sample(
+            CASE_OF_THREE,
+            Processing("Three mountings on a rate table", _RATE_TABLE, {}, specified("pqr")),
+            seed=11,
+        ),
+        "table_axis.csv": Sample(
+            WARMING_GYRO,
+            Processing("One gyro that warms, asymmetric and not linear", _RATE_TABLE, {}, specified("p")),
+            seed=12,
+            angle_unit="deg",
         ),
         "flight.mcap": Sample(
             _flight(),

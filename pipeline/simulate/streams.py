@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -58,6 +58,8 @@ _GIMBAL = ("vector.x", "vector.y")
 """Where a message carries alpha1 and alpha2."""
 _TABLE = "vector.z"
 """Where a message carries the angle, or the rate, of a table."""
+_CELSIUS = 273.15
+"""The zero of degrees Celsius [K]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +178,13 @@ def gimbal(
 
 
 def turntable(
-    recorded: Recorded, quantity: TableQuantity, unit: str, *, text: bool, wraps_at: float | None
+    recorded: Recorded,
+    quantity: TableQuantity,
+    unit: str,
+    *,
+    text: bool,
+    wraps_at: float | None,
+    counts: int | None = None,
 ) -> RecordedStream:
     """The angle or the rate of a table.
 
@@ -192,9 +200,11 @@ def turntable(
         For a text file: a column; else ROS messages.
     wraps_at : float, optional
         Value at which an angle begins again at 0.
+    counts : int, optional
+        Counts a turn, where the values are counts.
     """
     channel = "angle" if quantity == "table_angle" else "rate"
-    path = f"table {channel} ({unit})" if text else _TABLE
+    path = (f"table {channel} {COUNTS}" if counts else f"table {channel} ({unit})") if text else _TABLE
     series = Series(
         topic="/turntable",
         message_type="" if text else "geometry_msgs/msg/Vector3Stamped",
@@ -203,5 +213,35 @@ def turntable(
         columns={path: recorded.values[:, 0]},
     )
     topic = "" if text else series.topic
+    turn = 360.0 if unit == "deg" else 2 * np.pi
+    scale = turn / counts if counts else 1.0
     fields, units = {channel: path}, {channel: unit}
-    return RecordedStream("turntable", quantity, topic, fields, units, series, 1.0, wraps_at)
+    return RecordedStream("turntable", quantity, topic, fields, units, series, scale, wraps_at)
+
+
+def thermometer(recorded: Recorded, *, text: bool) -> RecordedStream:
+    """The temperature of a gyro, from values in K: recorded in degrees Celsius."""
+    unit = "degC"
+    path = f"temperature ({unit})" if text else "temperature"
+    series = Series(
+        topic="/temperature",
+        message_type="" if text else "sensor_msgs/msg/Temperature",
+        log_time=recorded.log_time,
+        header_stamp=recorded.header_stamp,
+        columns={path: recorded.values[:, 0] - _CELSIUS},
+    )
+    topic = "" if text else series.topic
+    fields, units = {"temperature": path}, {"temperature": unit}
+    return RecordedStream("temperature", "temperature", topic, fields, units, series)
+
+
+def in_counts(stream: RecordedStream, unit: str, counts_per_unit: float) -> RecordedStream:
+    """A stream of columns or messages whose values are counts of which so many are one of the unit."""
+    scale, units = 1 / counts_per_unit, dict.fromkeys(stream.fields, unit)
+    if stream.topic:
+        return replace(stream, units=units, scale=scale)
+    fields = {channel: f"{channel} {COUNTS}" for channel in stream.fields}
+    columns = dict(zip(fields.values(), stream.series.columns.values(), strict=True))
+    return replace(
+        stream, fields=fields, units=units, scale=scale, series=replace(stream.series, columns=columns)
+    )

@@ -21,11 +21,12 @@ class Advice:
     Attributes
     ----------
     rate : float or None
-        [rad/s]; 0 where no rotation is needed, None where the platform cannot turn fast enough.
+        [rad/s]; 0 where no rotation is needed, None where the platform cannot turn fast enough, or the model
+        does not describe the record.
     rate_error : float or None
         Its standard error; None where it has none or the record does not tell it.
     suppression, suppression_error : float or None
-        Growth at the rate over that at rest.
+        Growth at the rate over that at rest; None where that has no bound.
     reason : str
         In one sentence.
     """
@@ -40,10 +41,16 @@ class Advice:
 def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
     """Advise on a rate up to the highest [rad/s] that leaves colour a fraction of white noise's growth."""
     model = chosen.model
+    if not chosen.fits:
+        reason = (
+            f"none: the chosen model does not describe the record (probability {chosen.whiteness:.2g}); "
+            "growth and its intervals are the model's, not the gyro's"
+        )
+        return Advice(None, None, None, None, reason)
     rate = recommended_rate(model, fraction)
     at_rest = _colour(model, 0.0) / model.N
     if rate == 0.0:
-        reason = "white noise alone, which rotation does not change" if at_rest == 0.0 else (
+        reason = "no colour: white noise, which rotation does not change" if at_rest == 0.0 else (
             f"no rotation needed: coloured noise adds {at_rest:.2g} of white noise's growth at rest, no more "
             f"than the fraction {fraction:g}"
         )  # fmt: skip
@@ -57,14 +64,17 @@ def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
             f"{_colour(model, highest) / model.N:.2g}"
         )
         return Advice(None, None, None, None, reason)
-    suppression = _suppression(model, rate)
-    error = chosen.standard_error(lambda one: np.array(_suppression(one, rate)))
     of_rate = chosen.standard_error(lambda one: np.array(recommended_rate(one, fraction)))
     reason = (
         f"{np.degrees(rate):.3g} deg/s: the lowest rate{_outside(bands)} at which coloured noise adds no "
-        f"more than {fraction:g} of white noise's growth ({at_rest:.3g} at rest); the whole grows "
-        f"{suppression:.2g} times as fast as at rest"
+        f"more than {fraction:g} of white noise's growth"
     )
+    if model.K > 0:
+        reason += "; at rest the variance of a rate random walk grows with the cube of time"
+        return Advice(rate, _known(float(of_rate)), None, None, reason)
+    suppression = _suppression(model, rate)
+    error = chosen.standard_error(lambda one: np.array(_suppression(one, rate)))
+    reason += f" ({at_rest:.3g} at rest); the whole grows {suppression:.2g} times as fast as at rest"
     return Advice(rate, _known(float(of_rate)), suppression, _known(float(error)), reason)
 
 

@@ -30,23 +30,27 @@ _FIRST = 1e-4
 def modulation_rows(channel: str, chosen: Candidate, rates: Float, *, schuler: bool, turns: float) -> Rows:
     """Rows of ``modulation``: the growth coefficient at each rate [rad/s].
 
-    The interval is that of its logarithm; null where the record does not determine it.
+    The interval is that of its logarithm; null where the record does not determine it. Of a rate random walk
+    at rest no growth is told, which has no bound.
     """
     model = chosen.model
     size = growth(model, rates)
-    low, high = _interval(size, chosen.standard_error(lambda one: np.log(growth(one, rates))))
+    bounded = np.isfinite(size)
+    error = np.full(len(rates), np.inf)
+    error[bounded] = chosen.standard_error(lambda one: np.log(growth(one, rates[bounded])))
+    low, high = _interval(np.where(bounded, size, 1.0), error)
     bands = worse_bands(model)
     beyond = schuler_growth(model, rates)
     for k, rate in enumerate(rates.tolist()):
         yield {
             "channel": channel,
             "rotation_rate": rate,
-            "growth": float(size[k]),
+            "growth": _bounded(size[k]),
             "lower": low[k],
             "upper": high[k],
             "worse": any(band.low < rate < band.high for band in bands),
-            "schuler_growth": float(beyond[k]) if schuler else None,
-            "reversing_growth": reversing_growth(model, rate, turns) if rate > 0 else None,
+            "schuler_growth": _bounded(beyond[k]) if schuler else None,
+            "reversing_growth": _bounded(reversing_growth(model, rate, turns)) if rate > 0 else None,
         }
 
 
@@ -67,6 +71,10 @@ def growth_rows(channel: str, chosen: Candidate, rate: float, longest: float) ->
             "lower": low[k],
             "upper": high[k],
         }
+
+
+def _bounded(size: float) -> float | None:
+    return float(size) if np.isfinite(size) else None
 
 
 def _interval(value: Float, relative: Float) -> tuple[list[float | None], list[float | None]]:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from pipeline.models.random_error_fit import Candidate, Identified
+from pipeline.models.random_error_fit import UNLIKELY, Candidate, Identified
 from pipeline.models.rotation_record import HARMONICS, Demodulation
 from pipeline.numerics.noise_coefficients import NoiseCoefficients, in_datasheet_units
 from pipeline.stages._noise_motion import Motion
@@ -24,8 +24,6 @@ _COARSE = 0.5
 """Share of one value from which on the resolution rules the noise."""
 _FEWEST_TURNS = 3.0
 """Periods of a slow colour in the record from which on it is a line."""
-_UNLIKELY = 1e-3
-"""Probability of a record below which the chosen model does not describe it."""
 
 
 def stamps(record: Record) -> Findings:
@@ -98,7 +96,7 @@ def coefficients(stream: str, channel: str, found: NoiseCoefficients | str) -> F
         detail = f"the Allan variance does not show {', '.join(bounds)}"
         yield _finding(stream, channel, "not significant", "info", detail, count=len(bounds))
     probability, tau = _fit_of_coefficients(found)
-    if probability < _UNLIKELY:
+    if probability < UNLIKELY:
         detail = (
             f"no sum of Q, N, B, K and R has this Allan variance (probability {probability:.2g}, at "
             f"{tau:.3g} s): the coefficients describe the short times; see the noise model"
@@ -125,10 +123,11 @@ def model(
 ) -> Findings:
     """Why the chosen model is not to be trusted, where it is not."""
     best, name = found.chosen, CANDIDATES[found.chosen.form]
-    if best.slow:
+    walks = any("K" in one.names for one in found.candidates)
+    if best.slow and (not walks or "lambda" in best.names):
         detail = f"{name}: {_slow(best, duration, told)}; sigma and mu are not to be trusted"
         yield _finding(stream, channel, "slow colour", "warning", detail)
-    if best.whiteness < _UNLIKELY:
+    if not best.fits:
         detail = f"{name} does not describe the periodogram (probability {best.whiteness:.2g})"
         yield _finding(stream, channel, "model does not fit", "warning", detail)
     if not best.converged:
@@ -136,12 +135,18 @@ def model(
         yield _finding(stream, channel, "not converged", "warning", detail)
 
 
+def no_walk(stream: str, channel: str) -> dict[str, Any]:
+    """Gaps that leave no runs."""
+    detail = "gaps are so dense that a rate random walk is not among the candidates"
+    return _finding(stream, channel, "dense gaps", "info", detail)
+
+
 def demodulation(stream: str, channel: str, test: Demodulation | None) -> Findings:
     """A prediction that was not tested, or failed."""
     if test is None:
         detail = "the table does not turn evenly for long enough to hold the model against the integral"
         yield _finding(stream, channel, "no demodulation test", "warning", detail)
-    elif test.probability < _UNLIKELY:
+    elif test.probability < UNLIKELY:
         detail = (
             f"over {test.windows} windows of whole turns the integrated error has {test.ratio:.3g} times the "
             f"variance that the model predicts (probability {test.probability:.2g})"
@@ -155,6 +160,8 @@ def _slow(best: Candidate, duration: float, told: NoiseCoefficients | None) -> s
     turns = best.parameters.get("lambda", 0.0) * duration / (2 * np.pi)
     if turns > _FEWEST_TURNS:
         return f"{few} cannot tell this colour from a line at {turns / duration:.4g} Hz"
+    if turns > 0:
+        return f"{few} cannot tell this colour from a trend"
     K = None if told is None else next(one for one in told.coefficients if one.name == "K")
     instead = ""
     if K is not None and K.value is not None:

@@ -3,34 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pipeline.models.random_error_fit import Candidate, Identified, exponentials
-from pipeline.numerics import whittle
+from pipeline.models.random_error_fit import Candidate, Identified
+from pipeline.models.random_error_forms import FORMS, process, terms_of
+from pipeline.numerics import cosine_spectrum, whittle
 from pipeline.numerics.allan import Record, Variances
 from pipeline.numerics.allan_confidence import confidence
 from pipeline.numerics.noise_coefficients import NoiseCoefficients, in_datasheet_units
 
 Float = NDArray[np.float64]
 Rows = Iterator[dict[str, Any]]
-Form = Literal["white", "noise1", "noise2", "noise3"]
 
-FORMS: tuple[Form, ...] = get_args(Form)
-"""The candidates, as a test plan names them."""
-
-CANDIDATES: dict[str, str] = {
-    "white": "white",
-    "noise1": "white + noise 1",
-    "noise2": "white + noise 2",
-    "noise3": "white + noise 3",
+_TERMS = {
+    "noise1": "noise 1",
+    "noise2": "noise 2",
+    "noise3": "noise 3",
+    "rate_random_walk": "rate random walk",
+    "quantisation": "quantisation",
 }
-"""What the tables call them."""
+CANDIDATES: dict[str, str] = {
+    form: " + ".join(["white", *(_TERMS[term] for term in terms_of(form))]) for form in FORMS
+}
+"""What the tables call the forms of random error."""
 
-UNITS = {"N": "rad^2/s", "sigma": "rad/s", "mu": "1/s", "lambda": "rad/s"}
+UNITS = {
+    "N": "rad^2/s",
+    "sigma": "rad/s",
+    "mu": "1/s",
+    "lambda": "rad/s",
+    "K": "rad/s/sqrt(s)",
+    "Q": "rad",
+}
 
 COEFFICIENT_UNITS = {"N": "rad/sqrt(s)", "B": "rad/s", "K": "rad/s/sqrt(s)", "Q": "rad", "R": "rad/s^2"}
 
@@ -97,6 +105,7 @@ def model_rows(channel: str, found: Identified) -> Rows:
                 "candidate": CANDIDATES[one.form],
                 "chosen": one is best,
                 "bic": one.bic - best.bic,
+                "whiteness": one.whiteness,
                 "parameter": name,
                 "value": value,
                 "standard_error": _finite(errors[name]),
@@ -120,19 +129,23 @@ def information_rows(channel: str, found: Identified) -> Rows:
                 }
 
 
-def spectrum_rows(channel: str, periodogram: whittle.Periodogram, step: float, chosen: Candidate) -> Rows:
+def spectrum_rows(
+    channel: str, periodogram: cosine_spectrum.Periodogram, step: float, chosen: Candidate
+) -> Rows:
     """Rows of ``spectrum``: means over even shares of a logarithmic axis, of record and model alike."""
-    expected, _ = whittle.expected(periodogram, exponentials(chosen.form, chosen.theta, step))
-    share = 1.0 if periodogram.window is None else float(periodogram.window[0])
-    bins = np.floor(_A_DECADE * np.log10(periodogram.omega / periodogram.omega[0])).astype(np.intp)
-    _, first = np.unique(bins, return_index=True)
-    weight = np.add.reduceat(periodogram.count, first)
+    expected, _ = whittle.expected(periodogram, process(chosen.form, chosen.theta, step))
+    lowest = periodogram.omega.min()
+    bins = np.floor(_A_DECADE * np.log10(periodogram.omega / lowest)).astype(np.intp)
+    weight = np.bincount(bins, periodogram.count)
+    there = weight > 0
+    weight = weight[there]
 
     def mean(values: Float) -> Float:
-        return np.asarray(np.add.reduceat(periodogram.count * values, first) / weight, dtype=np.float64)
+        total = np.bincount(bins, periodogram.count * values)[there]
+        return np.asarray(total / weight, dtype=np.float64)
 
-    frequency = mean(periodogram.omega) / (2 * np.pi * step)
-    density, model = mean(periodogram.value) * step / share, mean(expected) * step / share
+    frequency, unit = mean(periodogram.omega) / (2 * np.pi * step), step / periodogram.share
+    density, model = mean(periodogram.value) * unit, mean(expected) * unit
     for k, at in enumerate(frequency.tolist()):
         yield {
             "channel": channel,
@@ -146,11 +159,11 @@ def spectrum_rows(channel: str, periodogram: whittle.Periodogram, step: float, c
 def chosen_models(models: pa.Table, informations: pa.Table) -> Mapping[str, Candidate]:
     """The chosen candidate of each channel, as it was fitted but for its likelihood."""
     chosen: dict[str, dict[str, float]] = {}
-    named: dict[str, str] = {}
+    named: dict[str, tuple[str, float]] = {}
     for row in models.to_pylist():
         if row["chosen"]:
             chosen.setdefault(row["channel"], {})[row["parameter"]] = row["value"]
-            named[row["channel"]] = row["candidate"]
+            named[row["channel"]] = row["candidate"], row["whiteness"]
     elements = {
         (row["channel"], row["candidate"], row["parameter_a"], row["parameter_b"]): row["information"]
         for row in informations.to_pylist()
@@ -158,10 +171,10 @@ def chosen_models(models: pa.Table, informations: pa.Table) -> Mapping[str, Cand
     form_of = {name: form for form, name in CANDIDATES.items()}
     found = {}
     for channel, parameters in chosen.items():
-        name = named[channel]
+        name, whiteness = named[channel]
         theta = np.log(np.array(list(parameters.values())))
         information = np.array([[elements[channel, name, a, b] for b in parameters] for a in parameters])
-        found[channel] = Candidate(form_of[name], theta, information, 0.0, np.nan, np.nan, False, True)
+        found[channel] = Candidate(form_of[name], theta, information, 0.0, np.nan, whiteness, False, True)
     return found
 
 

@@ -1,6 +1,7 @@
-"""The runs of one gyro in a gimbal: of which recording each is, from when to when, and how it is mounted.
+"""The runs of one gyro, in a gimbal or on a rate table: of which recording each is, and from when to when.
 
-A test plan lists them as ``[[runs]]``; one that lists none has one run, the whole recording.
+A test plan lists them as ``[[runs]]``; one that lists none has one run, the whole recording. How the base of
+a gimbal is mounted in each is said here; how a case is mounted on a rate table, in `_mountings`.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 import pyarrow as pa
@@ -25,6 +26,8 @@ from pipeline.stages.channel_map import Name
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+CaseAxis = Literal["p", "q", "r", "-p", "-q", "-r"]
+"""An axis of the case of the gyro, or its opposite."""
 
 WHOLE = "run"
 """Name of the one run of a plan that lists none."""
@@ -47,10 +50,23 @@ class Run(Mounting):
         None, description="name of a further recording, beside the one that the plan is for, that holds it"
     )
     start: float | None = Field(
-        None, ge=0, le=_LONGEST, description="beginning, s from the first gimbal sample of its recording"
+        None,
+        ge=0,
+        le=_LONGEST,
+        description="beginning, s from the first sample of the gimbal, or else of the gyro, in its recording",
     )
     stop: float | None = Field(
         None, gt=0, le=_LONGEST, description="end, counted as the beginning; what is recorded then is outside"
+    )
+    axis: CaseAxis | None = Field(
+        None,
+        description="of a gyro on a rate table: which axis of its case lies along the axis about which the "
+        "table turns; left out where the case is not on the table",
+    )
+    across: CaseAxis | None = Field(
+        None,
+        description="beside axis: which axis of the case lies along axis 1 of the table (at "
+        "stand.table_heading_deg) when the table's angle is 0",
     )
 
     @model_validator(mode="after")
@@ -64,6 +80,10 @@ class Run(Mounting):
         if end <= begin:
             expected = f"a stop after start = {begin:g}"
             faults.append(Fault(("stop",), expected, f"{end:g}", "correct one of them"))
+        if self.across is not None and (self.axis is None or self.across[-1] == self.axis[-1]):
+            found = f"{self.across!r} beside axis = {self.axis!r}" if self.axis else "no axis"
+            remedy = "name another axis, or leave across out"
+            faults.append(Fault(("across",), "an axis of the case square to axis", found, remedy))
         if faults:
             refuse(faults)
         return self
@@ -171,14 +191,32 @@ def runs_table(runs: Sequence[Run], stand: Stand) -> pa.Table:
     )
 
 
-def inside(run: Run, time: Time, where: str) -> Mask:
-    """Which samples of its recording belong to a run: from its start up to, not with, its stop.
+def within(run: Run, time: Time, first: int) -> Mask:
+    """Which samples belong to a run, counted from a first sample of its recording: up to, not with, its stop.
 
     Parameters
     ----------
     run : Run
     time : ndarray of int64, shape (n,)
-        Times of the recording's gimbal samples [ns], in its order, n > 0.
+    first : int
+        [ns].
+    """
+    of: Mask = np.ones(len(time), dtype=np.bool_)
+    if run.start is not None:
+        of &= time >= first + round(run.start * 1e9)
+    if run.stop is not None:
+        of &= time < first + round(run.stop * 1e9)
+    return of
+
+
+def inside(run: Run, time: Time, where: str) -> Mask:
+    """Which samples of the stream by which runs are counted belong to a run.
+
+    Parameters
+    ----------
+    run : Run
+    time : ndarray of int64, shape (n,)
+        Times of the recording's samples [ns], in its order, n > 0.
     where : str
         Recording and stream, for the error.
 
@@ -188,11 +226,7 @@ def inside(run: Run, time: Time, where: str) -> Mask:
         If there is none (exit code 2).
     """
     first = int(time[0])
-    of: Mask = np.ones(len(time), dtype=np.bool_)
-    if run.start is not None:
-        of &= time >= first + round(run.start * 1e9)
-    if run.stop is not None:
-        of &= time < first + round(run.stop * 1e9)
+    of = within(run, time, first)
     if not of.any():
         last = (int(time.max()) - first) * 1e-9
         raise StageError(

@@ -23,6 +23,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "gyro_increments": ("increment_p", "increment_q", "increment_r"),
         "reference": ANGLES,
         "turntable": ("angle", "rate"),
+        "temperature": ("temperature",),
         "gimbal": ("alpha1", "alpha2"),
         **NAVIGATION,
     }

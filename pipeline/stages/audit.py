@@ -22,6 +22,8 @@ info
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pyarrow as pa
 from pydantic import Field
@@ -44,13 +46,17 @@ MAY_CONSUME: tuple[str, ...] = (
     "gyro_increments",
     "reference",
     "turntable",
+    "temperature",
     "gimbal",
     "runs",
+    "mountings",
     *NAVIGATION,
 )
 PRODUCES: tuple[str, ...] = ("findings", "metrics")
-_STREAMS = ("gyro", "gyro_increments", "reference", "turntable", *NAVIGATION)
-"""One stream a table; of ``gimbal`` each run is one."""
+_STREAMS = ("gyro", "gyro_increments", "reference", "turntable", "temperature", *NAVIGATION)
+"""One stream a table; of ``gimbal``, and where there are ``mountings``, each run is one."""
+_SLOW = ("turntable", "temperature")
+"""Streams that stand, turn evenly or step: nothing of that is a fault."""
 
 METRICS = (
     "sample_count",
@@ -123,9 +129,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     """
     # What was recorded may be near the largest float; what overflows then is infinite, and marks nothing.
     with np.errstate(over="ignore", invalid="ignore"):
-        comparison = compare(tables)
+        comparison = compare(tables) if "mountings" not in tables else None
         reports = [
-            _marked(tables[stream], stream, settings, comparison) for stream in _STREAMS if stream in tables
+            _of_stream(tables, stream, settings, comparison) for stream in _STREAMS if stream in tables
         ]
         judge_together(reports, tables)
         if "gimbal" in tables and "runs" in tables:
@@ -138,18 +144,43 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     }
 
 
+def _of_stream(
+    tables: Tables, stream: str, settings: Settings, comparison: Comparison | None
+) -> StreamReport:
+    """One stream, run by run where the plan lists runs on a rate table."""
+    table = tables[stream]
+    if "mountings" not in tables or "run" not in table.column_names:
+        return _marked(table, stream, settings, comparison)
+    number = table.column("run").to_numpy()
+    reports = [
+        _marked(
+            table.filter(pa.array(number == run["run"])), stream, settings, None, f"run {run['name']!r}: "
+        )
+        for run in tables["mountings"].to_pylist()
+        if stream != "turntable" or run["axis_1"] is not None  # off the table it need not be recorded
+    ]
+    return _together(reports, stream, table, settings)
+
+
+def _together(
+    reports: Sequence[StreamReport], stream: str, table: pa.Table, settings: Settings
+) -> StreamReport:
+    """The reports of all runs in one: what lies between two runs is no gap."""
+    whole = StreamReport(stream, table.column("time").to_numpy(), settings.max_rows)
+    whole.findings = [row for report in reports for row in report.findings]
+    whole.metrics = of_all_runs(reports)
+    return whole
+
+
 def _gimbal(table: pa.Table, runs: pa.Table, settings: Settings) -> StreamReport:
-    """Every run of ``gimbal`` by itself, in one report: what lies between two runs is no gap."""
+    """Every run of ``gimbal`` by itself, in one report."""
     reports = []
     for run in gimbal_runs(table, runs):
         about = f"run {run.name!r}: " if runs.num_rows > 1 else ""
         report = _marked(run.table, "gimbal", settings, None, about)
         audit_earth_rate(report, run)
         reports.append(report)
-    whole = StreamReport("gimbal", table.column("time").to_numpy(), settings.max_rows)
-    whole.findings = [row for report in reports for row in report.findings]
-    whole.metrics = of_all_runs(reports)
-    return whole
+    return _together(reports, "gimbal", table, settings)
 
 
 def _count_findings(report: StreamReport) -> None:
@@ -172,7 +203,7 @@ def _marked(
     regular = audit_stamps(report, settings.gap_factor, settings.max_jitter)
     audit_clocks(report, table, settings.max_clock_drift, settings.max_clock_jump)
     channels = {name: table.column(name).to_numpy() for name in recorded(table, stream)}
-    if stream == "turntable":  # a table stands, turns evenly or steps: nothing of that is a fault
+    if stream in _SLOW:
         audit_missing(report, channels)
         return report
     if stream in NAVIGATION and stream not in SENSORS:

@@ -78,6 +78,19 @@ class Stand(Mounting):
     returns_to_start: bool = Field(
         False, description="the stand ends the record in the attitude in which it began it"
     )
+    table_tilt_deg: float | None = Field(
+        None,
+        ge=0,
+        le=180,
+        description="angle of a rate table's axis of rotation from the vertical, degrees; 0 points up",
+    )
+    table_heading_deg: float | None = Field(
+        None,
+        ge=-360,
+        le=360,
+        description="azimuth of axis 1 of a rate table, towards which its axis of rotation leans, degrees "
+        "clockwise from North",
+    )
 
 
 class Stage(Protocol):

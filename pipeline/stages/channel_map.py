@@ -164,6 +164,11 @@ class Stream(_Settings):
         description="rows of the rotation matrix from the axes that the reference reports in to the "
         "reference axes (axis 2 is that of psi); of navigation to north, east, down",
     )
+    calibration: Name | None = Field(
+        None,
+        description="of the gyro's rates: name of the calibration file beside the recording that corrects "
+        "them, as 'gyrostand calibration export' writes it",
+    )
 
 
 class Text(_Settings):

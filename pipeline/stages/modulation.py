@@ -86,7 +86,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     -------
     dict
         The tables of `PRODUCES`. The metric ``recommended_rate`` is 0 where no rotation is needed, null where
-        the platform cannot turn fast enough.
+        the platform cannot turn fast enough, or the chosen model does not describe the record.
     """
     made: dict[str, list[dict[str, Any]]] = {name: [] for name in PRODUCES}
     spaced = np.geomspace(settings.lowest_rate_deg_s, settings.highest_rate_deg_s, settings.rate_count)
@@ -98,14 +98,17 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
             channel, chosen, rates, schuler=settings.schuler, turns=settings.turns
         )
         made["growth"] += growth_rows(channel, chosen, float(np.radians(shown)), 3600 * settings.hours)
-        made["findings"] += _findings(channel, chosen.model, advice, settings.hours)
+        made["findings"] += _findings(channel, chosen, advice, settings.hours)
         made["metrics"] += _metrics(channel, chosen, advice)
     return {name: rows(name, items) for name, items in made.items()}
 
 
-def _findings(channel: str, model: RandomError, advice: Advice, hours: float) -> Iterator[dict[str, Any]]:
+def _findings(channel: str, chosen: Candidate, advice: Advice, hours: float) -> Iterator[dict[str, Any]]:
     severity: Literal["info", "warning"] = "info" if advice.rate is not None else "warning"
     yield finding("modulation", "modulation", "recommended rate", severity, advice.reason, channel=channel)
+    if not chosen.fits:
+        return
+    model = chosen.model
     for band in worse_bands(model):
         detail = (
             f"the error grows faster than without rotation at rates from {np.degrees(band.low):.3g} to "
@@ -127,7 +130,7 @@ def _metrics(channel: str, chosen: Candidate, advice: Advice) -> Iterator[dict[s
     of_rate = None if error is None else float(np.degrees(error))
     yield metric("modulation", channel, "recommended_rate", in_degrees, "deg/s", of_rate)
     yield metric("modulation", channel, "suppression", advice.suppression, "1", advice.suppression_error)
-    if worse_bands(chosen.model):
+    if chosen.fits and worse_bands(chosen.model):
         top = float(np.degrees(_worse_below(chosen.model)))
         spread = float(np.degrees(chosen.standard_error(_worse_below)))
         yield metric(

@@ -1,7 +1,7 @@
 """Noise: what the errors of a gyro at rest are.
 
-The Allan family and the noise coefficients that it shows, and the stationary random error that the
-periodogram shows (debiased Whittle likelihood, chosen by BIC): two looks at the same samples, side by side. A
+The Allan family and the noise coefficients that it shows, and the random error that the periodogram
+shows (debiased Whittle likelihood, chosen by BIC): two looks at the same samples, side by side. A
 gap stays a gap for both. Motion is found, and refused unless the test plan says what to do about it. Where
 the record was made on a turning table harmonics of its angle are taken out, and the chosen model is held
 against the error that is integrated along the axes of the room.
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.errors import ExitCode
-from pipeline.models.random_error_fit import Identified, fit_form
+from pipeline.models.random_error_fit import Identified, fit_forms
+from pipeline.models.random_error_forms import forms
 from pipeline.models.rotation_record import Demodulation, demodulate, without_harmonics
-from pipeline.numerics import allan, whittle
+from pipeline.numerics import allan, cosine_spectrum
 from pipeline.numerics.noise_coefficients import NoiseCoefficients, fit_coefficients
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages import _noise_findings as about
@@ -56,6 +57,10 @@ Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+Colour = Literal["white", "noise1", "noise2", "noise3"]
+AddedTerm = Literal["rate_random_walk", "quantisation"]
+
+
 class Settings(_Settings):
     """Averaging times, estimators, candidates, and what to do about gaps and motion."""
 
@@ -72,8 +77,11 @@ class Settings(_Settings):
         48, ge=2, le=10_000, description="averaging times, evenly spaced in their logarithm"
     )
     confidence: float = Field(0.95, gt=0, lt=1, description="probability of the deviations' intervals")
-    candidates: tuple[as_table.Form, ...] = Field(
-        as_table.FORMS, min_length=1, description="models of the random error to choose from"
+    candidates: tuple[Colour, ...] = Field(
+        get_args(Colour), min_length=1, description="models of the random error to choose from"
+    )
+    added_terms: tuple[AddedTerm, ...] = Field(
+        get_args(AddedTerm), description="terms that each candidate is tried with and without"
     )
     motion: Literal["refuse", "cut", "keep"] = Field(
         "refuse", description="what to do about motion in the record; cut: leave it out in every channel"
@@ -172,9 +180,12 @@ def _of_channel(
         for variances in [allan.variances(integral, _factors(integral, channel.name, kind, settings), kind)]
         for row in as_table.allan_rows(channel.name, integral, variances, settings.confidence, model)
     ]
-    periodogram = whittle.periodogram(channel.rate, channel.present)
-    fits = tuple(fit_form(periodogram, record.step, form) for form in settings.candidates)
-    found = Identified(fits, periodogram.samples)
+    periodogram = cosine_spectrum.periodogram(channel.rate, channel.present)
+    wanted = forms(tuple(dict.fromkeys(settings.candidates)), tuple(dict.fromkeys(settings.added_terms)))
+    found = Identified(fit_forms(periodogram, record.step, wanted), periodogram.samples)
+    unfitted = [] if periodogram.walks or "rate_random_walk" not in settings.added_terms else [
+        about.no_walk(record.stream, channel.name)
+    ]  # fmt: skip
     count = int(np.count_nonzero(channel.present))
 
     def figure(name: str, value: float, unit: str) -> dict[str, Any]:
@@ -188,6 +199,7 @@ def _of_channel(
         "spectrum": list(as_table.spectrum_rows(channel.name, periodogram, record.step, found.chosen)),
         "findings": [
             *about.coefficients(record.stream, channel.name, told),
+            *unfitted,
             *about.model(record.stream, channel.name, found, model, len(channel.rate) * record.step),
         ],
         "metrics": [

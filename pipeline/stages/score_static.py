@@ -11,13 +11,26 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.numerics.noise_coefficients import DATASHEET, Name
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Stand, Tables, metric, rows
 
 CONSUMES: tuple[str, ...] = ("noise_coefficients", "noise_model")
 MAY_CONSUME: tuple[str, ...] = ()
 PRODUCES: tuple[str, ...] = ("metrics",)
-METRICS: tuple[str, ...] = ("N", "B", "K", "Q", "R", "colour_sigma", "colour_time", "colour_period")
+METRICS: tuple[str, ...] = (
+    "N",
+    "B",
+    "K",
+    "Q",
+    "R",
+    "model_N",
+    "model_K",
+    "model_Q",
+    "colour_sigma",
+    "colour_time",
+    "colour_period",
+)
 
 _DEG_H = float(np.degrees(1) * 3600)
 
@@ -37,8 +50,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     Returns
     -------
     dict
-        ``metrics``, by channel: N, B, K, Q, R in the units of data sheets; of the chosen model's coloured
-        noise its standard deviation (deg/h), correlation time 1/mu (s) and period 2 pi/lambda (s).
+        ``metrics``, by channel: N, B, K, Q, R in the units of data sheets; of the chosen model N, K and Q in
+        the same, of its coloured noise the standard deviation (deg/h), correlation time 1/mu (s) and period
+        2 pi/lambda (s).
     """
     figures = [*_coefficients(tables["noise_coefficients"]), *_colours(tables["noise_model"])]
     return {"metrics": rows("metrics", figures)}
@@ -57,6 +71,21 @@ def _coefficients(table: pa.Table) -> Iterator[dict[str, Any]]:
         )
 
 
+def _levels(channel: str, told: dict[str, tuple[float, float | None]]) -> Iterator[dict[str, Any]]:
+    """N, K and Q of the chosen model; its N is a density, of which the data sheet has the root."""
+    levels: tuple[Name, ...] = ("N", "K", "Q")
+    for name in levels:
+        factor, unit = DATASHEET[name]
+        value, error = told.get(name, (None, None))
+        if value is None:
+            yield metric("score_static", channel, f"model_{name}", None, unit)
+            continue
+        power = 0.5 if name == "N" else 1.0
+        size = factor * value**power
+        spread = None if error is None else power * size * error / value
+        yield metric("score_static", channel, f"model_{name}", size, unit, spread)
+
+
 def _colours(table: pa.Table) -> Iterator[dict[str, Any]]:
     chosen: dict[str, dict[str, tuple[float, float | None]]] = {}
     for row in table.to_pylist():
@@ -64,6 +93,7 @@ def _colours(table: pa.Table) -> Iterator[dict[str, Any]]:
             told = chosen.setdefault(row["channel"], {})
             told[row["parameter"]] = (row["value"], row["standard_error"])
     for channel, told in chosen.items():
+        yield from _levels(channel, told)
         sigma, error = told.get("sigma", (None, None))
         in_deg_h = None if sigma is None else sigma * _DEG_H
         of_sigma = None if error is None else error * _DEG_H

@@ -5,6 +5,21 @@ begins a plan from what a recording holds.
 """
 
 from pipeline.testplan.errors import PlanError
-from pipeline.testplan.load import TestPlan, find_plan, load_plan, named_recordings, own_plan
+from pipeline.testplan.load import (
+    TestPlan,
+    find_plan,
+    load_plan,
+    named_calibration,
+    named_recordings,
+    own_plan,
+)
 
-__all__ = ["PlanError", "TestPlan", "find_plan", "load_plan", "named_recordings", "own_plan"]
+__all__ = [
+    "PlanError",
+    "TestPlan",
+    "find_plan",
+    "load_plan",
+    "named_calibration",
+    "named_recordings",
+    "own_plan",
+]

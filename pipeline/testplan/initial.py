@@ -74,7 +74,10 @@ _STAND = {
     "coning": (
         "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
     ),
-    "static": (),
+    "static": (
+        "# latitude_deg = 0.0    # for rate_table: degrees north",
+        "# table_tilt_deg = 0.0    # for rate_table: angle of the table's axis of rotation from the vertical",
+    ),
     "navigation": (),
     "drift": (
         'latitude_deg = ""    # FILL IN: degrees north, a number without quotes',
@@ -85,7 +88,8 @@ _STAND = {
 
 _GYRO_ALONE = (
     '# "coning": the attitude of a gyro on a vibration stand. "static": the noise of a gyro in a long record',
-    "# at rest, or on a table that turns evenly.",
+    '# at rest, or on a table that turns evenly. "rate_table": scale factor, bias and misalignment of a gyro',
+    "# on a table that steps from rate to rate, or in turns by known angles.",
 )
 """What is said of the procedures of a gyro without a reference."""
 
@@ -93,8 +97,19 @@ _ROTATION = (
     "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
 )
 
-_PART = "# The procedure static does with any of p, q and r: remove the others."
+_PART = "# The procedure rate_table or static does with any of p, q and r: remove the others."
 
+_TABLE = (
+    "# wraps_at = 360    # in the channel of an angle: the raw value at which it begins again at 0",
+    "",
+    "# For the procedure rate_table: how the case of the gyro is mounted on the table, run by run.",
+    "# [[runs]]",
+    '# name = "upright"',
+    '# axis = "r"    # which axis of the case lies along the table\'s: p, q, r or -p, -q, -r',
+    '# recording = "run8.mcap"    # a further recording beside this one',
+    "# start = 0.0    # s from the first gyro sample of its recording",
+    "# stop = 600.0",
+)
 _GIMBAL = (
     "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
     '# unit = "deg", scale = 0.00034332275390625, wraps_at = 1048576',
@@ -281,10 +296,7 @@ def _add_stream(plan: _Plan, name: StreamName, candidate: Candidate | None, topi
         plan.add(*_GIMBAL, "")
         return
     if name == "turntable":
-        plan.add(
-            "# wraps_at = 360    # in the channel of an angle: the raw value at which it begins again at 0",
-            "",
-        )
+        plan.add(*_TABLE, "")
         return
     if name in TURNED:
         plan.add(_ROTATION)

@@ -17,6 +17,7 @@ import shlex
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -30,8 +31,9 @@ from pipeline import contracts
 from pipeline.formats.base import RecordingError
 from pipeline.limits import Limit
 from pipeline.plan_faults import Fault, refuse
-from pipeline.procedures import NEEDS, PROCEDURES, WHOLE
+from pipeline.procedures import NEEDS, PROCEDURES, WHOLE, WITH_RUNS
 from pipeline.stages import ingest
+from pipeline.stages._calibration_settings import rate_table_faults
 from pipeline.stages._runs import further_recordings, is_bare, mounting_faults, neighbour
 from pipeline.stages.base import Settings, Stand
 from pipeline.stages.channel_map import Stream, missing_channels
@@ -88,6 +90,27 @@ class TestPlan:
             If one of them is not there, or is the given one.
         """
         return tuple(further_recordings(recording, self._ingest.runs).values())
+
+    def calibration(self, recording: Path) -> Path | None:
+        """The file beside the given recording, by which the plan has its gyro corrected; None: not at all.
+
+        Raises
+        ------
+        PlanError
+            If it is not there.
+        """
+        path = self._ingest.calibration_beside(recording)
+        if path is None or path.is_file():
+            return path
+        text, _ = _parsed(self.path, _bytes(self.path))
+        near = get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
+        fault = Fault(
+            ("streams", "gyro", "calibration"),
+            f"the file of a calibration beside the recording, in {shown_path(path.parent)}",
+            f"no {path.name!r}",
+            f"did you mean {near[0]!r}?" if near else "'gyrostand calibration export' writes one",
+        )
+        raise plan_error(self.path, key_lines(text), [fault])
 
     @property
     def _ingest(self) -> ingest.Settings:
@@ -187,6 +210,11 @@ def _missing(plan: Any) -> Iterator[Fault]:
     for name, stream in streams.items():
         for fault in missing_channels(stream) if name in WHOLE.get(plan.procedure, ()) else ():
             yield fault._replace(key=("streams", name, *fault.key))
+    if plan.runs and plan.procedure not in WITH_RUNS:
+        expected = f"[[runs]] only in the procedures {', '.join(WITH_RUNS)}"
+        yield Fault(("runs",), expected, repr(plan.procedure), "remove them, or correct the procedure")
+    if plan.procedure == "rate_table":
+        yield from rate_table_faults(plan.streams, plan.runs, plan.calibrate, plan.stand)
     if "gimbal" in plan.streams or "streams.gimbal" in needs:
         yield from mounting_faults(plan.runs, plan.stand)
 
@@ -196,16 +224,28 @@ def named_recordings(plan: Path, recording: Path) -> tuple[Path, ...]:
 
     A plan that cannot be read names none; what else is wrong with it does not matter here.
     """
-    try:
-        _, data = _parsed(plan, _bytes(plan))
-    except PlanError:
-        return ()
-    runs = data.get("runs")
+    runs = _read_or_empty(plan).get("runs")
     entries = (
         [run.get("recording") for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
     )
     names = [name for name in entries if isinstance(name, str) and name and is_bare(name)]
     return tuple(neighbour(recording, name) for name in dict.fromkeys(names))
+
+
+def named_calibration(plan: Path, recording: Path) -> Path | None:
+    """The calibration that a plan names for a recording, as `named_recordings` gives the recordings."""
+    name: Any = _read_or_empty(plan)
+    for key in ("streams", "gyro", "calibration"):
+        name = name.get(key) if isinstance(name, dict) else None
+    return neighbour(recording, name) if isinstance(name, str) and name and is_bare(name) else None
+
+
+def _read_or_empty(plan: Path) -> dict[str, Any]:
+    """What a plan says as TOML; nothing where it cannot be read."""
+    try:
+        return _parsed(plan, _bytes(plan))[1]
+    except PlanError:
+        return {}
 
 
 def find_plan(recording: Path) -> Path:

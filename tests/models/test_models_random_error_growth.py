@@ -15,6 +15,7 @@ from pipeline.models.random_error import (
     Noise1,
     Noise2,
     Noise3,
+    Quantisation,
     RandomError,
     RandomErrorError,
     RateRandomWalk,
@@ -154,6 +155,24 @@ def test_generated_records_grow_as_predicted(term: Term, omega: float) -> None:
     for component, expected in zip(components, variance_by_axis(model, end, omega), strict=True):
         if expected[0] > 0:
             assert abs(np.mean(component**2) / expected[0] - 1) < 3 * np.sqrt(2 / records)
+
+
+@pytest.mark.parametrize("omega", [0.0, 1e-3])
+def test_quantisation_leaves_its_first_and_last_reading(omega: float) -> None:
+    # over 1000 s in steps of 0.1 s: what the turn within a step leaves of each reading is (omega step)^2 n
+    # = 1e-4
+    step, n, records = 0.1, 10_000, 1500
+    term, generator = Quantisation(0.02), np.random.default_rng(639)
+    model, end = RandomError((term,)), np.array([n * step])
+    x = np.stack([step * term.generate(n, step, generator) for _ in range(records)])
+    t = step * (np.arange(n) + 0.5)
+    along, across = x @ np.cos(omega * t), x @ np.sin(omega * t)
+    for component, expected in zip((along, across), variance_by_axis(model, end, omega), strict=True):
+        # a variance from 1500 records, but for 1e-4 of the whole
+        allowed = 3 * np.sqrt(2 / records) * expected[0] + 1e-3 * term.Q**2
+        assert abs(np.mean(component**2) - expected[0]) < allowed
+    assert variance(model, end, omega)[0] == pytest.approx(2 * term.Q**2, rel=1e-14)
+    assert growth(model, omega) == schuler_growth(model, omega) == reversing_growth(model, RATE) == 0
 
 
 @pytest.mark.parametrize("term", TERMS, ids=by_name)
@@ -353,6 +372,9 @@ def test_the_allan_variance_has_its_slopes() -> None:
     np.testing.assert_allclose(allan_variance(RandomError((White(1e-4),)), tau), 1e-4 / tau, rtol=1e-13)
     np.testing.assert_allclose(
         allan_variance(RandomError((RateRandomWalk(2e-3),)), tau), 4e-6 * tau / 3, rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        allan_variance(RandomError((Quantisation(2e-3),)), tau), 12e-6 / tau**2, rtol=1e-13
     )
     # Gauss-Markov noise, IEEE Std 952: Q_c^2 T_c^2 / tau (1 - T_c/(2 tau) (3 - 4 e^(-tau/T_c) + e^(-2
     # tau/T_c)))

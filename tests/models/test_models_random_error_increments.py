@@ -9,6 +9,7 @@ from pipeline.models.random_error import (
     Noise1,
     Noise2,
     Noise3,
+    Quantisation,
     RandomError,
     RateRandomWalk,
     Term,
@@ -45,7 +46,7 @@ def test_variance_of_sums_is_the_closed_form(term: Term, step: float, count: int
     assert of_sum(term, step, count) == pytest.approx(exact, rel=1e-10)
 
 
-@pytest.mark.parametrize("term", [*TERMS, White(1e-4)], ids=lambda term: term.name)
+@pytest.mark.parametrize("term", [*TERMS, White(1e-4), Quantisation(0.3)], ids=lambda term: term.name)
 def test_what_is_drawn_has_that_variance(term: Term) -> None:
     step, block = 2.0, 50
     exact = float(variance(RandomError((term,)), np.array([block * step]))[0])

@@ -44,8 +44,8 @@ def from_rows(name: str, rows: list[dict[str, Any]]) -> pa.Table:
 
 
 def raw(name: str, seconds: np.ndarray, columns: Mapping[str, np.ndarray]) -> pa.Table:
-    clocks = {clock: [None] * len(seconds) for clock in ("header_stamp", "log_time", "publish_time")}
-    return contracts.table(name, {"time": stamps(seconds), **clocks, **columns})
+    absent = {c: [None] * len(seconds) for c in contracts.contract(name).units}
+    return contracts.table(name, {**absent, "time": stamps(seconds), **columns})
 
 
 def rates(t: np.ndarray) -> dict[str, np.ndarray]:
@@ -118,6 +118,10 @@ def provenance(text: str = "", tables: str = "{}") -> pa.Table:
         "recording_sha256": "ab" * 32,
         "recording_bytes": 123_456,
         "plan_sha256": "cd" * 32,
+        "calibration_name": f"gyro 7{text}.calibration.json",
+        "calibration_sha256": "ef" * 32,
+        "calibration_recording": "table",
+        "calibration_recording_sha256": "12" * 32,
         "versions": json.dumps({"gyrostand": "0.1.0"}),
         "duration": 0.1,
         "peak_memory": 10**8,

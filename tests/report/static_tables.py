@@ -1,7 +1,7 @@
 """Tables of a static run as its stages would leave them, made from the models alone.
 
-Channel p has white noise and noise 1, q white noise and a resonance (noise 2), r white noise and a rate
-random walk. Deviations and densities scatter as those of a record would; estimates are the truth.
+Channel p has white noise and noise 1, q white noise and a resonance (noise 2), r white noise, a rate random
+walk and quantisation. Deviations and densities scatter as those of a record would; estimates are the truth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pyarrow as pa
 from report_tables import finding, from_rows, metric, provenance
 
 from pipeline import contracts
-from pipeline.models.random_error import Noise1, Noise2, RandomError, RateRandomWalk, White
+from pipeline.models.random_error import Noise1, Noise2, Quantisation, RandomError, RateRandomWalk, White
 from pipeline.models.random_error_growth import (
     growth,
     recommended_rate,
@@ -39,10 +39,17 @@ UNCERTAIN = 0.15  # relative standard error of the growth
 MODELS: dict[str, RandomError] = {
     "p": RandomError((White(ROOT**2), Noise1(SIGMA, 0.01))),
     "q": RandomError((White(ROOT**2), Noise2(SIGMA, 0.004, 0.03))),
-    "r": RandomError((White(4 * ROOT**2), RateRandomWalk(2e-2 * ROOT))),
+    "r": RandomError((White(4 * ROOT**2), RateRandomWalk(2e-2 * ROOT), Quantisation(0.8 * ROOT))),
 }
-CHOSEN = {"p": "white + noise 1", "q": "white + noise 2", "r": "white + rate random walk"}
-CANDIDATES = ("white", "white + rate random walk", "white + noise 1", "white + noise 2", "white + noise 3")
+CHOSEN = {"p": "white + noise 1", "q": "white + noise 2", "r": "white + rate random walk + quantisation"}
+CANDIDATES = (
+    "white",
+    "white + noise 1",
+    "white + noise 2",
+    "white + noise 3",
+    "white + rate random walk",
+    "white + rate random walk + quantisation",
+)
 
 COEFFICIENTS: dict[str, dict[str, float]] = {
     "p": {"N": ROOT, "B": 3 * ROOT / 60, "K": 0.0, "Q": 0.8 * ROOT, "R": 0.0},
@@ -57,7 +64,14 @@ UNITS = {
     "Q": ("rad", "arcsec", 3600 / DEG),
     "R": ("rad/s^2", "deg/h/h", 3600**2 / DEG),
 }
-PARAMETER_UNITS = {"N": "rad^2/s", "sigma": "rad/s", "mu": "1/s", "lambda": "rad/s", "K": "rad/s/sqrt(s)"}
+PARAMETER_UNITS = {
+    "N": "rad^2/s",
+    "sigma": "rad/s",
+    "mu": "1/s",
+    "lambda": "rad/s",
+    "K": "rad/s/sqrt(s)",
+    "Q": "rad",
+}
 
 
 def make_static_tables(channels: str = "pqr", text: str = "") -> dict[str, pa.Table]:
@@ -163,7 +177,8 @@ def models(channel: str) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "channel": channel, "candidate": candidate, "chosen": chosen,
-                    "bic": 0.0 if chosen else 1000.0 / 3.0 ** (place + 1), "parameter": name, "value": value,
+                    "bic": 0.0 if chosen else 1000.0 / 3.0 ** (place + 1),
+                    "whiteness": 0.4 if chosen else 1e-9, "parameter": name, "value": value,
                     "standard_error": 0.1 * value, "lower": value * np.exp(-0.196),
                     "upper": value * np.exp(0.196), "unit": PARAMETER_UNITS[name],
                 }
@@ -178,11 +193,10 @@ def rate_of(channel: str) -> float:
 
 
 def modulation(channel: str) -> pa.Table:
-    """From rest (where the growth is finite) to 20 deg/s."""
-    model, rates = MODELS[channel], np.geomspace(0.05, 20, 120) * DEG
-    if not model.K:
-        rates = np.concatenate([[0.0], rates])
+    """From rest to 20 deg/s; no number where the growth has no bound."""
+    model, rates = MODELS[channel], np.append(0.0, np.geomspace(0.05, 20, 120) * DEG)
     size = growth(model, rates)
+    size[~np.isfinite(size)] = np.nan
     worse = np.any([(b.low < rates) & (rates < b.high) for b in worse_bands(model)] + [rates < 0], axis=0)
     reversing = [None if w == 0 else reversing_growth(model, w) for w in rates.tolist()]
     colour = (size - model.N) / size * UNCERTAIN

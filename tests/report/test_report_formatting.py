@@ -35,6 +35,24 @@ def test_a_figure_has_four_significant_digits(value: float | None, text: str) ->
     assert number(value) == text
 
 
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (1.0007993, 2.0e-6, "1.0007993"),
+        (1.00146623, 3.8e-6, "1.0014662"),
+        (11.27, 0.70, "11.27"),
+        (1.2345e-7, 1e-10, "123.50×10⁻⁹"),
+        (0.5, 1e-14, "0.5"),  # no reader compares as many digits
+        (0.123456, 0.0, "0.1235"),
+        (0.123456, None, "0.1235"),
+    ],
+)
+def test_a_figure_has_the_digits_that_its_standard_error_has(
+    value: float, error: float | None, text: str
+) -> None:
+    assert number(value, error) == text
+
+
 @given(st.floats(-1e308, 1e308))
 def test_a_figure_reads_back_to_four_digits(value: float) -> None:
     text = number(value).replace("−", "-").replace("\u202f", "").replace("×10", "e")

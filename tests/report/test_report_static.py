@@ -336,11 +336,15 @@ def test_the_candidates_stand_with_their_differences_and_the_chosen_one_is_bold(
 ) -> None:
     below = section(tables, "Noise models").below
     assert (
-        "<td>white + noise 1</td><td class=num><strong>0</strong></td><td class=num>37.0</td>"
-        "<td class=num>37.0</td>"
+        "<td>white + noise 1</td><td class=num><strong>0</strong></td><td class=num>111.1</td>"
+        "<td class=num>111.1</td>"
     ) in below
     assert below.count("<strong>0</strong>") == 3
     assert below.index("<strong>white + noise 1<") < below.index("<strong>white + noise 2<")
+    for head, name in {"K [deg/h/√h]": "K", "Q [″]": "Q"}.items():
+        assert f"<th scope=col class=num>{head}</th>" in below
+        (row,) = rows_of(tables, "noise_model", chosen=True, channel="r", parameter=name)
+        assert f"<div title={row['value']!r}>" in below
 
 
 def test_parameters_of_the_chosen_model_are_times_and_rates(single: dict[str, pa.Table]) -> None:

@@ -48,8 +48,8 @@ def record(
     time = np.round(np.arange(n) * step * 1e9).astype(np.int64)[kept]
     prefix = "increment_" if stream == "gyro_increments" else ""
     columns: dict[str, object] = {"time": time}
-    for clock in ("header_stamp", "log_time", "publish_time"):
-        columns[clock] = pa.nulls(len(time), pa.int64())
+    for absent in ("header_stamp", "log_time", "publish_time", *(["run"] if stream == "gyro" else [])):
+        columns[absent] = pa.nulls(len(time), pa.int64())
     for name in "pqr":
         if name not in models:
             columns[prefix + name] = pa.nulls(len(time), pa.float64())

@@ -109,7 +109,7 @@ def test_bad_samples_are_passed_over_and_kept() -> None:
     time = gyro["time"].to_numpy().copy()
     time[2000] = time[1990]
     tables["gyro"] = gyro.set_column(0, gyro.schema.field("time"), pa.array(time)).set_column(
-        4, gyro.schema.field("p"), pa.array(p)
+        gyro.schema.get_field_index("p"), gyro.schema.field("p"), pa.array(p)
     )
     out = aligned(tables, **BOTH)
     row = out["alignment"].to_pylist()[0]

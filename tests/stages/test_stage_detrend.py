@@ -21,7 +21,7 @@ def gyro(rates, times=None):
     """A ``gyro`` table of rates at 400 Hz from time 0, or at the times given [ns]."""
     time = np.arange(len(rates), dtype=np.int64) * (10**9 // RATE) if times is None else times
     nothing = {
-        name: pa.nulls(len(rates), pa.int64()) for name in ("header_stamp", "log_time", "publish_time")
+        name: pa.nulls(len(rates), pa.int64()) for name in ("run", "header_stamp", "log_time", "publish_time")
     }
     return contracts.table("gyro", {"time": time, **nothing, **dict(zip("pqr", rates.T, strict=True))})
 

@@ -34,6 +34,8 @@ def table(name: str, time: Time, values: Float) -> pa.Table:
     prefix = "increment_" if name == "gyro_increments" else ""
     columns = {prefix + axis: values[:, k] for k, axis in enumerate("pqr")}
     clocks = {"time": time, "header_stamp": none, "log_time": none, "publish_time": none}
+    if name == "gyro":
+        clocks["run"] = none
     return contracts.table(name, {**clocks, **columns})
 
 

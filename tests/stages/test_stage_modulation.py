@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -12,6 +12,7 @@ import pytest
 from pydantic import ValidationError
 from static_records import COLOURED, DEG, PERIODIC, WALKING, WHITE, N, record
 
+from pipeline.models.random_error import Noise2, RandomError
 from pipeline.models.random_error_growth import (
     growth,
     recommended_rate,
@@ -30,11 +31,18 @@ CHANNELS = list(NAMED)
 
 @cache
 def noises(seed: int = 4) -> dict[str, pa.Table]:
-    return noise.run(record(NAMED, seed=seed), noise.Settings(estimators=("allan",)), Stand())
+    settings = noise.Settings(estimators=("allan",), added_terms=())
+    return noise.run(record(NAMED, seed=seed), settings, Stand())
 
 
 def modulated(seed: int = 4, **settings: Any) -> dict[str, pa.Table]:
     return modulation.run(noises(seed), modulation.Settings(**settings), Stand())
+
+
+@cache
+def walking(*added_terms: Literal["rate_random_walk"]) -> dict[str, pa.Table]:
+    settings = noise.Settings(estimators=("allan",), added_terms=added_terms)
+    return noise.run(record({"p": WALKING}, seed=2), settings, Stand())
 
 
 @cache
@@ -107,7 +115,7 @@ def test_rotation_does_not_change_white_noise() -> None:
     assert np.allclose(table["reversing_growth"][1:], table["growth"][0], rtol=1e-12)
     assert figure(usual(), "p", "recommended_rate")["value"] == 0
     assert figure(usual(), "p", "suppression")["value"] == 1
-    assert "white noise alone" in reason(usual(), "p")
+    assert "white noise, which rotation does not change" in reason(usual(), "p")
     # without a recommended rate the growth is told at 3 deg/s
     assert np.allclose(of(usual(), "growth", "p")["rotation_rate"], 3 * DEG)
 
@@ -203,14 +211,45 @@ def test_far_above_the_colour_white_noise_is_left(channel: str) -> None:
 
 
 def test_a_colour_slower_than_the_mission_is_said_to_be() -> None:
-    out = noise.run(record({"p": WALKING}, seed=2), noise.Settings(estimators=("allan",)), Stand())
-    told = modulation.run(out, modulation.Settings(hours=0.25), Stand())
+    told = modulation.run(walking(), modulation.Settings(hours=0.25), Stand())
     said = of(told, "findings", "p")
     assert (said["kind"] == "slow colour").sum() == 1
     row = of(told, "growth", "p").iloc[-1]
     truth = variance(WALKING, np.array(row["duration"]), row["rotation_rate"])
     # K is known to a third at best, and a stationary colour begins with a bias, which adds as much again
     assert abs(np.log(row["with_rotation"] / np.sqrt(truth))) < 0.5 * np.log(2) + 0.5
+
+
+def test_a_walk_has_no_bounded_growth_at_rest() -> None:
+    out = modulation.run(walking("rate_random_walk"), modulation.Settings(hours=0.25), Stand())
+    for name, table in out.items():
+        assert not violations(name, table), name
+    rows = of(out, "modulation", "p")
+    assert rows["growth"].isna().tolist() == [True] + [False] * (len(rows) - 1)
+    truth = growth(WALKING, rows["rotation_rate"].to_numpy()[1:])
+    spread = np.log(rows["upper"] / rows["lower"])[1:] / (2 * 1.96)
+    assert (np.abs(np.log(rows["growth"][1:] / truth)) < 3.5 * spread).all()
+    assert (figure(out, "p", "recommended_rate")["value"]) > 0
+    assert np.isnan(figure(out, "p", "suppression")["value"])
+    assert "grows with the cube of time" in reason(out, "p")
+    row = of(out, "growth", "p").iloc[-1]
+    truth = variance(WALKING, np.array(row["duration"]))
+    # K is known to a tenth
+    assert abs(np.log(row["without_rotation"] / np.sqrt(truth))) < 0.35
+    assert (of(out, "findings", "p")["kind"] != "slow colour").all()
+
+
+def test_a_model_that_does_not_fit_gives_no_advice() -> None:
+    second = Noise2(float(np.sqrt(N)), 0.01, 1.0)
+    two = record({"p": RandomError((*PERIODIC.terms, second))})
+    settings = noise.Settings(estimators=("allan",), added_terms=())
+    out = modulation.run(noise.run(two, settings, Stand()), modulation.Settings(), Stand())
+    assert np.isnan(figure(out, "p", "recommended_rate")["value"])
+    assert np.isnan(figure(out, "p", "suppression")["value"])
+    assert "does not describe the record" in reason(out, "p")
+    said = of(out, "findings", "p")
+    assert said[said["kind"] == "recommended rate"]["severity"].tolist() == ["warning"]
+    assert (said["kind"] != "worse with rotation").all()
 
 
 def test_rates_that_fall_are_a_fault_of_the_plan() -> None:

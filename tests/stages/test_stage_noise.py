@@ -14,7 +14,7 @@ from static_records import COLOURED, DEG, PERIODIC, WALKING, WHITE, N, record
 
 from pipeline import contracts
 from pipeline.errors import ExitCode
-from pipeline.models.random_error import Noise2, RandomError
+from pipeline.models.random_error import Noise2, Quantisation, RandomError
 from pipeline.models.random_error_growth import allan_variance
 from pipeline.stages import noise
 from pipeline.stages._noise_tables import chosen_models
@@ -80,7 +80,7 @@ def test_the_best_candidate_has_a_relative_bic_of_zero() -> None:
     for _, of in rows.groupby("channel"):
         assert of[of["chosen"]]["bic"].eq(0).all()
         assert of[~of["chosen"]]["bic"].gt(0).all()
-        assert of["candidate"].nunique() == 4
+        assert of["candidate"].nunique() == 16  # four colours, with and without a walk and quantisation
 
 
 def test_the_information_gives_the_standard_errors_back() -> None:
@@ -227,15 +227,51 @@ def test_noise_of_any_colour_is_no_motion() -> None:
             assert findings(out, "motion").empty
 
 
-def test_a_random_walk_is_told_by_its_allan_variance() -> None:
-    out = identified(record({"p": WALKING}, seed=2))
+@pytest.mark.parametrize("stream", ["gyro", "gyro_increments"])
+def test_a_random_walk_is_told_by_its_allan_variance_and_the_model(stream: str) -> None:
+    out = identified(record({"p": WALKING}, stream=stream, seed=2))
     rows = out["noise_coefficients"].to_pandas().set_index("coefficient")
     assert rows.loc["K", "significant"]
     K = 2e-2 * np.sqrt(N)
     assert abs(rows.loc["K", "value"] - K) < 4 * rows.loc["K", "standard_error"]
-    said = findings(out, "slow colour")
+    told = chosen(out, "p").loc["K"]
+    assert told["candidate"] == "white + rate random walk"
+    assert abs(np.log(told["value"] / K)) < 3.5 * told["standard_error"] / told["value"]
+    assert findings(out, "slow colour").empty
+
+
+def test_quantisation_is_told_by_the_model_of_increments() -> None:
+    Q = 3 * np.sqrt(N)
+    model = RandomError((*WHITE.terms, Quantisation(Q)))
+    told = chosen(identified(record({"p": model}, stream="gyro_increments", seed=2)), "p")
+    assert set(told["candidate"]) == {"white + quantisation"}
+    for name, truth in {"Q": Q, "N": N}.items():
+        assert abs(np.log(told.loc[name, "value"] / truth)) < 3.5 * (
+            told.loc[name, "standard_error"] / told.loc[name, "value"]
+        )
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_without_the_walk_noise_1_is_said_to_be_one_perhaps(dense: bool) -> None:
+    """It is left out by the plan, or because gaps are so dense that it has no expected periodogram."""
+    lost = [slice(k, k + 20) for k in range(40, 14_400, 80)] if dense else []
+    settings: dict[str, Any] = {} if dense else {"added_terms": ("quantisation",)}
+    out = identified(record({"p": WALKING}, seed=2, lost=lost), estimators=("allan",), **settings)
+    assert set(chosen(out, "p")["candidate"]) == {"white + noise 1"}
+    assert len(findings(out, "dense gaps")) == dense
+    assert (
+        findings(out, "slow colour")["detail"]
+        .str.contains("cannot tell this colour from a rate random")
+        .all()
+    )
+    assert len(findings(out, "slow colour")) == 1
+
+
+def test_a_ramp_is_no_colour() -> None:
+    ramp = 3e-8 * np.arange(14_400.0)
+    said = findings(identified(record({"p": WHITE}, added={"p": ramp}), motion="keep"), "slow colour")
+    assert said["detail"].str.contains("cannot tell this colour from a trend").all()
     assert len(said) == 1
-    assert "a rate random walk, whose K is" in said["detail"].iloc[0]
 
 
 def test_coefficients_that_cannot_have_the_curve_are_said_not_to_fit() -> None:
@@ -330,7 +366,7 @@ def test_nothing_to_read_is_a_fault_of_the_plan() -> None:
 
 def turntable(time: np.ndarray, quantity: str, values: np.ndarray) -> pa.Table:
     columns: dict[str, Any] = {"time": time}
-    for name in ("header_stamp", "log_time", "publish_time"):
+    for name in ("run", "header_stamp", "log_time", "publish_time"):
         columns[name] = pa.nulls(len(time), pa.int64())
     for name in ("angle", "rate"):
         columns[name] = values if name == quantity else pa.nulls(len(time), pa.float64())

@@ -40,16 +40,18 @@ def test_white_noise_has_nothing_but_its_angle_random_walk() -> None:
     told = figures("p")
     assert told.loc["N", "unit"] == "deg/sqrt(h)"
     assert abs(told.loc["N", "value"] - 0.05) < 4 * told.loc["N", "standard_error"]
-    others = told.drop("N")
+    assert abs(told.loc["model_N", "value"] - 0.05) < 4 * told.loc["model_N", "standard_error"]
+    others = told.drop(["N", "model_N"])
     assert others["value"].isna().all()
     assert others["standard_error"].isna().all()
 
 
 def test_a_random_walk_is_told_in_deg_h_sqrt_h() -> None:
-    told = figures("r").loc["K"]
     truth = WALKING.K / DEG_H * 60
-    assert told["unit"] == "deg/h/sqrt(h)"
-    assert abs(told["value"] - truth) < 4 * told["standard_error"]
+    for name in ("K", "model_K"):
+        told = figures("r").loc[name]
+        assert told["unit"] == "deg/h/sqrt(h)"
+        assert abs(told["value"] - truth) < 4 * told["standard_error"]
 
 
 def test_colour_is_told_by_size_time_and_period() -> None:

@@ -194,7 +194,7 @@ def test_runs_without_a_gimbal_are_refused(plan: Path) -> None:
     text = GYRO.replace(", wraps_at = 65536", "")
     (line,) = refused(plan, f'procedure = "coning"\ntime = {{ rate = 1.0 }}\n{text}\n[[runs]]\nname = "a"\n')
     assert line.startswith(
-        f"{plan}:10: runs: expected [[runs]] only beside the stream gimbal, found the streams gyro; "
+        f"{plan}:10: runs: expected [[runs]] only in the procedures drift, rate_table, found 'coning'; "
     )
 
 

@@ -258,6 +258,29 @@ def test_a_stated_unit_says_whether_a_table_s_field_is_an_angle_or_a_rate() -> N
     ]
 
 
+def test_a_gyro_on_a_table_may_be_calibrated_on_it(tmp_path: Path) -> None:
+    path = tmp_path / "run7.csv"
+    path.write_text("t (s),gyro x (dps),gyro y (dps),gyro z (dps),table rate (rpm)\n0,1,2,3,4\n1,1,2,3,4\n")
+    text = initial_plan(formats.inspect(path))
+    said = text[: text.index("procedure =")]
+    assert '"static"' in said
+    assert '"rate_table"' in said
+    assert tomllib.loads(text)["streams"]["turntable"]["channels"] == {
+        "rate": {"field": "table rate (rpm)", "unit": "rpm"}
+    }
+    own = text.replace('procedure = "static"', 'procedure = "rate_table"')
+    assert "add [[runs]]" in loads(tmp_path, own)
+    offered = text[text.index("# [[runs]]") :].split("\n\n")[0]
+    # what is offered, but for the further recording, is a plan of the procedure
+    runs = "\n".join(line[2:] for line in offered.splitlines() if "recording =" not in line)
+    own = (
+        own.replace(offered, runs)
+        .replace("# latitude_deg", "latitude_deg")
+        .replace("# table_tilt", "table_tilt")
+    )
+    assert loads(tmp_path, own) == ""
+
+
 def test_a_gyro_on_a_table_begins_a_plan_of_static(tmp_path: Path) -> None:
     path = tmp_path / "run7.csv"
     path.write_text("t (s),gyro x (dps),gyro y (dps),gyro z (dps),table angle (deg)\n0,1,2,3,4\n1,1,2,3,4\n")

@@ -1,0 +1,348 @@
+"""The file of a calibration: what ``gyrostand calibration export`` writes and a test plan's gyro names.
+
+It is JSON, one parameter a line, so that versions of it can be compared: each model of `models.rate_table`
+(a gyro) or `models.rate_table_triad` (a case of three) with its parameters, their standard errors and
+correlations, and from which recording it came. The outputs that it corrects are rates in rad/s by unit and
+scale of a test plan, before its rotation.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Self
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from pipeline.errors import ExitCode, GyrostandError
+from pipeline.models.rate_table import AxisCalibration, Terms, axis_calibration
+from pipeline.models.rate_table_triad import BIAS, BIAS_TEMPERATURE, SENSITIVITY, TriadCalibration
+from pipeline.stages.base import Settings as _Settings
+
+Float = NDArray[np.float64]
+Channels = Literal["p q r", "p", "q", "r"]
+
+SUFFIX = ".calibration.json"
+"""How the name of such a file ends, by custom."""
+FORMAT: Literal["gyrostand calibration"] = "gyrostand calibration"
+VERSION: Literal[1] = 1
+
+_TRIAD: Channels = "p q r"
+_LARGEST = 2**20
+"""Bytes of a file: a triad takes some 4 kB."""
+_ROUNDING = 1e-9
+"""Eigenvalue below zero of a matrix of correlations that is still none but rounding."""
+_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "bias": "rad/s",
+        "bias_temperature_sensitivity": "rad/s/K",
+        "scale_factor_temperature_sensitivity": "1/K",
+    }
+)
+"""Units of parameters, channel not written; those of the others are pure numbers."""
+
+
+class CalibrationError(GyrostandError):
+    """A calibration is damaged, does not tell enough, or does not fit the record."""
+
+    exit_code = ExitCode.INPUT
+
+
+class _Parameter(_Settings):
+    name: str
+    value: float
+    standard_error: float = Field(ge=0)
+    unit: Literal["1", "rad/s", "rad/s/K", "1/K"]
+
+    @model_validator(mode="after")
+    def _unit_is_that_of_the_model(self) -> Self:
+        known = _UNITS.get(_without_channel(self.name), "1")
+        if self.unit != known:
+            raise ValueError(f"{self.name} in {known!r}; found {self.unit!r}")
+        return self
+
+
+class _Model(_Settings):
+    channels: Channels
+    method: Literal["rates", "turns", "positions", "joined"]
+    reference_temperature: float | None = Field(ge=0)
+    largest_rate: float = Field(ge=0)
+    parameters: tuple[_Parameter, ...]
+    correlation: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _is_a_model(self) -> Self:
+        names = tuple(parameter.name for parameter in self.parameters)
+        if not _known(self.channels, names):
+            raise ValueError(f"the parameters of a model, in order; found {', '.join(names) or 'none'}")
+        if self.reference_temperature is None and any("temperature" in name for name in names):
+            raise ValueError("a reference_temperature beside terms of temperature; found null")
+        if tuple(map(len, self.correlation)) != tuple(range(1, len(names) + 1)):
+            raise ValueError(f"the lower triangle of {len(names)} correlations; found another shape")
+        R = self.correlations
+        if not np.array_equal(np.diag(R), np.ones(len(names))) or np.linalg.eigvalsh(R)[0] < -_ROUNDING:
+            raise ValueError("correlations, 1 on the diagonal and positive definite; found others")
+        return self
+
+    @property
+    def correlations(self) -> Float:
+        """Both triangles, shape (k, k)."""
+        L = np.array([(*row, *[0.0] * (len(self.correlation) - len(row))) for row in self.correlation])
+        return np.asarray(L + np.tril(L, -1).T, dtype=np.float64)
+
+    @property
+    def calibration(self) -> AxisCalibration | TriadCalibration:
+        """The model itself."""
+        value = np.array([parameter.value for parameter in self.parameters])
+        error = np.array([parameter.standard_error for parameter in self.parameters])
+        covariance = error[:, np.newaxis] * self.correlations * error
+        T0 = float("nan") if self.reference_temperature is None else self.reference_temperature
+        if self.channels == _TRIAD:
+            names = (SENSITIVITY + BIAS + BIAS_TEMPERATURE)[: len(value)]
+            return TriadCalibration(names, value, covariance, error, T0)
+        terms = Terms.of_names([parameter.name for parameter in self.parameters])
+        assert terms is not None, "checked when the model was made"
+        return axis_calibration(
+            terms, value, covariance, reference_temperature=T0, largest_rate=self.largest_rate
+        )
+
+
+class _File(_Settings):
+    format: Literal["gyrostand calibration"]
+    version: Literal[1]
+    recording: str
+    recording_name: str
+    recording_sha256: str
+    plan_sha256: str
+    made_with: str
+    outputs: Literal["rad/s"]
+    models: tuple[_Model, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _each_channel_has_one_model(self) -> Self:
+        channels = self.channels
+        if len(set(channels)) < len(channels):
+            raise ValueError(f"one model for each channel; found {' and '.join(channels)}")
+        return self
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Those that have a model."""
+        return tuple(channel for model in self.models for channel in model.channels.split())
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibration as its file holds it.
+
+    Attributes
+    ----------
+    where : str
+        The file, for errors.
+    recording, recording_name, recording_sha256 : str
+        The recording that it came from: its id, its file name, and the SHA-256 of its bytes.
+    models : mapping of str to AxisCalibration or TriadCalibration
+        By channel, ``"p q r"`` for the triad.
+    methods : mapping of str to str
+        By what each was calibrated.
+    largest_rate : mapping of str to float
+        Up to which each was calibrated [rad/s].
+    """
+
+    where: str
+    recording: str
+    recording_name: str
+    recording_sha256: str
+    models: Mapping[str, AxisCalibration | TriadCalibration]
+    methods: Mapping[str, str]
+    largest_rate: Mapping[str, float]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Those that it corrects."""
+        return tuple(channel for model in self.models for channel in model.split())
+
+    @property
+    def thermal(self) -> bool:
+        """Whether it needs the temperature."""
+        return any("temperature" in name for model in self.models.values() for name in model.names)
+
+
+def read(path: Path) -> Calibration:
+    """Read the file of a calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If it is not there, not readable, or not such a file (exit code 3).
+    """
+    where = repr(str(path))
+    try:
+        with path.open("rb") as file:
+            content = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise CalibrationError(
+            where,
+            expected="the file of a calibration",
+            found=error.strerror or str(error),
+            remedy="put it beside the recording; 'gyrostand calibration export' writes one",
+        ) from error
+    return _checked(content, where)
+
+
+def _checked(content: bytes, where: str) -> Calibration:
+    try:
+        if len(content) > _LARGEST:
+            raise ValueError("more than 1 MiB")
+        # not by pydantic: it takes NaN and keys that occur twice
+        data = json.loads(content.decode(), object_pairs_hook=_once, parse_constant=_refuse_constant)
+        file = _File.model_validate_json(json.dumps(data), strict=True)
+    except ValidationError as error:
+        raise _damaged(where, *_first_fault(error)) from None
+    except (ValueError, RecursionError) as error:
+        raise _damaged(where, "JSON, as 'gyrostand calibration export' writes it", str(error)) from None
+    return Calibration(
+        where=where,
+        recording=file.recording,
+        recording_name=file.recording_name,
+        recording_sha256=file.recording_sha256,
+        models={model.channels: model.calibration for model in file.models},
+        methods={model.channels: model.method for model in file.models},
+        largest_rate={model.channels: model.largest_rate for model in file.models},
+    )
+
+
+def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenance: Mapping[str, str]) -> str:
+    """The file's text, from the tables of a calibrated recording.
+
+    Parameters
+    ----------
+    recording : str
+        Its id.
+    parameters, covariance : pyarrow.Table
+        The tables ``calibration`` and ``calibration_covariance``.
+    provenance : mapping
+        ``recording_name``, ``recording_sha256``, ``plan_sha256`` and ``made_with``.
+
+    Raises
+    ------
+    CalibrationError
+        If it does not tell all that correcting a record needs (exit code 1).
+    """
+    kept = [row for row in parameters.to_pylist() if row["role"] == "model"]
+    gyros = list(dict.fromkeys(row["gyro"] for row in kept))
+    chosen = [""] if "" in gyros else gyros
+    where = f"recording {recording!r}"
+    for row in kept:
+        if row["gyro"] in chosen and (row["state"] != "determined" or row["standard_error"] is None):
+            raise CalibrationError(
+                where,
+                expected="a calibration that tells all that correcting a record needs",
+                found=f"{row['parameter']} of {row['gyro'] or 'the triad'}, which is {row['state']}",
+                remedy="calibrate with rotation about all axes that the gyro has",
+                exit_code=ExitCode.NOT_MET,
+            )
+    products = {(row["gyro"], row["row"], row["column"]): row["value"] for row in covariance.to_pylist()}
+    models = [
+        _lines_of_model(gyro, [row for row in kept if row["gyro"] == gyro], products) for gyro in chosen
+    ]
+    head = {
+        "format": FORMAT,
+        "version": VERSION,
+        "recording": recording,
+        **provenance,
+        "outputs": "rad/s",
+    }
+    lines = [f"  {json.dumps(key)}: {json.dumps(value)}," for key, value in head.items()]
+    text = "\n".join(["{", *lines, '  "models": [', ",\n".join(models), "  ]", "}"]) + "\n"
+    _checked(text.encode(), where)
+    return text
+
+
+def _lines_of_model(
+    gyro: str, parameters: Sequence[Mapping[str, Any]], products: Mapping[tuple[str, str, str], float]
+) -> str:
+    """One model as JSON, one parameter and one row of correlations a line."""
+    first, names = parameters[0], [row["parameter"] for row in parameters]
+    error = [row["standard_error"] for row in parameters]
+    head = {
+        "channels": gyro or _TRIAD,
+        "method": first["method"],
+        "reference_temperature": first["reference_temperature"],
+        "largest_rate": first["largest_rate"],
+    }
+    stated = [
+        {"name": row["parameter"], **{key: row[key] for key in ("value", "standard_error", "unit")}}
+        for row in parameters
+    ]
+    correlation = [
+        [_correlation(products[gyro, a, b], s, error[k]) for k, b in enumerate(names[:j])] + [1.0]
+        for j, (a, s) in enumerate(zip(names, error, strict=True))
+    ]
+    return "\n".join(
+        [
+            "    {",
+            *(f"      {json.dumps(key)}: {json.dumps(value)}," for key, value in head.items()),
+            '      "parameters": [',
+            ",\n".join(f"        {json.dumps(one)}" for one in stated),
+            "      ],",
+            '      "correlation": [',
+            ",\n".join(f"        {json.dumps(one)}" for one in correlation),
+            "      ]",
+            "    }",
+        ]
+    )
+
+
+def _correlation(product: float, one: float, other: float) -> float:
+    return product / (one * other) if one and other else 0.0
+
+
+def _known(channels: Channels, names: tuple[str, ...]) -> bool:
+    """Whether a model of these channels has these parameters."""
+    if channels != _TRIAD:
+        return Terms.of_names(names) is not None
+    plain = (*SENSITIVITY, *(f"bias_{c}" for c in "pqr"))
+    return names in (plain, (*plain, *(f"bias_temperature_sensitivity_{c}" for c in "pqr")))
+
+
+def _without_channel(name: str) -> str:
+    return name[:-2] if name[-2:] in ("_p", "_q", "_r") else name
+
+
+def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """The pairs as a mapping, each key once."""
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
+        raise ValueError("a key that occurs twice")
+    return mapping
+
+
+def _refuse_constant(word: str) -> float:
+    raise ValueError(f"{word}, which is no number")
+
+
+def _first_fault(error: ValidationError) -> tuple[str, str]:
+    """What was expected, and what found, of the first thing that is wrong."""
+    details = error.errors(include_url=False)[0]
+    if details["type"] == "value_error":
+        expected, _, found = str(details["ctx"]["error"]).partition("; found ")
+        return expected, found
+    key = ".".join(str(part) for part in details["loc"]) or "the file"
+    if details["type"] == "missing":
+        return f"the key {key}", "none"
+    if details["type"] == "extra_forbidden":
+        return "no key beside those that 'gyrostand calibration export' writes", repr(key)
+    found = repr(details["input"])
+    return f"{key}: {details['msg'].lower()}", found if len(found) < 60 else f"{found[:60]}…"
+
+
+def _damaged(where: str, expected: str, found: str) -> CalibrationError:
+    remedy = "restore the file, or make it anew with 'gyrostand calibration export'"
+    return CalibrationError(where, expected=expected, found=found, remedy=remedy)
