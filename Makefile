@@ -19,10 +19,13 @@ BIN := $(VENV)/bin
 GYROSTAND := $(BIN)/gyrostand
 UV := $(shell command -v uv 2>/dev/null)
 
+# A kernel's cache looks at the kernel's own file, and keeps what it took in of others: callees and constants.
+KERNELS := pipeline/__pycache__/.kernels
+
 .PHONY: all validate test lint bench nightly sample-data lock clean distclean
 .DELETE_ON_ERROR:
 
-all: $(VENV)/.ready
+all: $(VENV)/.ready | $(KERNELS)
 	@rm -f -- "$(BUILD)/recordings.mk"; status=0; \
 	$(GYROSTAND) discover "$(RECORDINGS)" --out "$(BUILD)" >/dev/null || status=$$?; \
 	test -f "$(BUILD)/recordings.mk" || exit $$status; \
@@ -34,10 +37,10 @@ all: $(VENV)/.ready
 	test $$status = 0 || echo "not everything is well: see above" >&2; \
 	exit $$status
 
-validate: $(VENV)/.ready
+validate: $(VENV)/.ready | $(KERNELS)
 	@$(GYROSTAND) validate "$(RECORDINGS)"
 
-test: $(VENV)/.ready-dev
+test: $(VENV)/.ready-dev | $(KERNELS)
 	$(BIN)/python -m pytest -n auto
 
 lint: $(VENV)/.ready-dev
@@ -47,13 +50,13 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/mypy --strict benchmarks
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.ready-dev
+bench: $(VENV)/.ready-dev | $(KERNELS)
 	@for benchmark in benchmarks/[a-z]*.py; do $(BIN)/python "$$benchmark" || exit 1; done
 
-nightly: $(VENV)/.ready-dev
+nightly: $(VENV)/.ready-dev | $(KERNELS)
 	HYPOTHESIS_PROFILE=nightly $(BIN)/python -m pytest -n auto -m "nightly or not nightly"
 
-sample-data: $(VENV)/.ready
+sample-data: $(VENV)/.ready | $(KERNELS)
 	$(GYROSTAND) simulate samples --out sample_data
 
 # One lock for every supported Python; hashes, no host names.
@@ -63,6 +66,11 @@ lock:
 	uv pip compile --universal --no-header --generate-hashes --no-emit-index-url -q --python-version 3.11 \
 		pyproject.toml --group build --group test --group lint --group bench -c requirements.lock \
 		-o requirements-dev.lock
+
+$(KERNELS): $(wildcard pipeline/*/_kernels*.py) pipeline/models/ellipsoid.py pipeline/models/navigation_states.py
+	@mkdir -p $(@D)
+	@find pipeline -name '*.nb[ci]' -delete
+	@touch $@
 
 $(VENV)/.ready: requirements.lock pyproject.toml
 	$(call install,requirements.lock)

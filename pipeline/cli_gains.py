@@ -66,8 +66,12 @@ def gains(
             "repeatable."
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(min=1e-3, help="Samples of the inertial sensors a second.")] = 100.0,
-    interval: Annotated[float, typer.Option(min=1e-3, help="Between fixes of the satellites, s.")] = 1.0,
+    rate: Annotated[
+        float, typer.Option(min=1e-3, max=1e6, help="Samples of the inertial sensors a second.")
+    ] = 100.0,
+    interval: Annotated[
+        float, typer.Option(min=1e-3, max=1e6, help="Between fixes of the satellites, s.")
+    ] = 1.0,
     references: Annotated[
         Between | None,
         typer.Option(help="What references do between fixes; a test plan's, or propagated without one."),
@@ -203,8 +207,8 @@ def _as_dict(analysis: Analysis, interval: float) -> dict[str, Any]:
         if channel.frozen
         else {"of": channel.symbols[-1], "value": analysis.limit, "unit": "1/s"},
         "poles": [[p.real, p.imag] for p in analysis.poles],
-        "sampled_poles": [[p.real, p.imag] for p in analysis.sampled_poles],
-        "spectral_radius": analysis.radius,
+        "sampled_poles": [[_finite(p.real), p.imag] for p in analysis.sampled_poles],
+        "spectral_radius": _finite(analysis.radius),
         "damping": analysis.damping,
         "settling_time": {"value": _finite(analysis.settling_time), "unit": "s"},
         "noise_gain": [

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from types import MappingProxyType
 
+STANDARD_GRAVITY = 9.80665
+"""g_0, by which g is defined [m/s^2]."""
+
 _DEGREE = math.pi / 180
 _ANGLE = {
     "rad": 1.0,
@@ -20,7 +23,6 @@ _ANGLE = {
     "rev": 2 * math.pi,
 }
 _LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048}
-_GRAVITY = 9.80665
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 
 FACTORS: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -48,8 +50,8 @@ FACTORS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         },
         "acceleration": {
             "m/s^2": 1.0,
-            "g": _GRAVITY,
-            "mg": _GRAVITY * 1e-3,
+            "g": STANDARD_GRAVITY,
+            "mg": STANDARD_GRAVITY * 1e-3,
             "cm/s^2": 1e-2,
             "ft/s^2": 0.3048,
         },

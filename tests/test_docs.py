@@ -8,8 +8,11 @@ import shutil
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from types import UnionType
+from typing import get_args
 
 import pytest
+from pydantic import BaseModel
 
 from pipeline.procedures import PROCEDURES
 from pipeline.runner import run
@@ -45,14 +48,34 @@ def test_every_setting_is_on_its_procedure_s_page(procedure: str) -> None:
     for stage in PROCEDURES[procedure]:
         if stage == "ingest":
             continue  # its settings are on the page on test plans
-        section = page.split(f"### {stage}\n")[1].split("\n#")[0]
-        stated = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", section, flags=re.MULTILINE))
-        fields = import_module(f"pipeline.stages.{stage}").Settings.model_fields
-        assert set(stated) == set(fields)
-        for name, default in stated.items():
-            if (value := literal(default)) is not None:
-                # None: the stage chooses it
-                assert fields[name].default in (None, value), (stage, name)
+        settings = import_module(f"pipeline.stages.{stage}").Settings
+        for section, model in ((stage, settings), *nested(stage, settings)):
+            # a stage's own keys are below its name, those of a section of it below its header in the plan
+            heading = rf"^### {stage}$" if section == stage else rf"^#### \[{re.escape(section)}\]"
+            (below,) = re.findall(heading + r"(.*?)(?=\n#)", page, flags=re.MULTILINE | re.DOTALL)
+            stated = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", below, flags=re.MULTILINE))
+            fields = model.model_fields
+            assert set(stated) == set(fields), section
+            for name, default in stated.items():
+                assert default.startswith("none: state it") == fields[name].is_required(), (section, name)
+                if (value := literal(default)) is not None:
+                    # None: the stage chooses it
+                    assert fields[name].default in (None, value), (section, name)
+
+
+def nested(section: str, settings: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+    """The sections within a section of the plan, however deep."""
+    for name, field in settings.model_fields.items():
+        kind = field.annotation
+        for one in get_args(kind) if isinstance(kind, UnionType) else (kind,):
+            if isinstance(one, type) and issubclass(one, BaseModel):
+                yield f"{section}.{name}", one
+                yield from nested(f"{section}.{name}", one)
+
+
+def test_nested_sections_are_found() -> None:
+    found = dict(nested("navigate", import_module("pipeline.stages.navigate").Settings))
+    assert {"navigate.start", "navigate.loops.lift", "navigate.filter.coloured"} <= set(found)
 
 
 def literal(cell: str) -> object:

@@ -95,3 +95,40 @@ def test_validate_judges_all_and_tells_of_the_unreadable(odd_folder: Path, tmp_p
     assert result.returncode != 0
     assert "aaa.mcap" in result.stderr
     assert result.stdout.count(": coning: pass") == len(ODD)
+
+
+@pytest.fixture
+def kernels(tmp_path: Path) -> Path:
+    """A project with one compiled kernel, whose cache is newer than its source."""
+    shutil.copy(PROJECT / "Makefile", tmp_path)
+    models = tmp_path / "pipeline" / "models"
+    (models / "__pycache__").mkdir(parents=True)
+    for name in ("_kernels_step", "ellipsoid", "navigation_states"):
+        (models / f"{name}.py").touch()
+    (models / "__pycache__" / "_kernels_loop.follow-1.py311.nbi").touch()
+    return models
+
+
+def cached(models: Path) -> bool:
+    """Make what keeps the caches true; whether the one is still there."""
+    command = ["make", "--no-print-directory", "pipeline/__pycache__/.kernels"]
+    subprocess.run(command, cwd=models.parents[1], check=True, capture_output=True)
+    return any((models / "__pycache__").glob("*.nbi"))
+
+
+def test_what_is_compiled_goes_when_a_kernel_changes_and_only_then(kernels: Path) -> None:
+    assert not cached(kernels)
+    (kernels / "__pycache__" / "_kernels_loop.follow-1.py311.nbi").touch()
+    assert cached(kernels)
+    later = (kernels.parent / "__pycache__" / ".kernels").stat().st_mtime + 1
+    os.utime(kernels / "_kernels_step.py", (later, later))
+    assert not cached(kernels)
+
+
+@pytest.mark.parametrize("target", ["all", "validate", "test", "bench", "nightly", "sample-data"])
+def test_every_target_that_runs_code_asks_for_it(kernels: Path, target: str) -> None:
+    ready = ("-o", ".venv/.ready", "-o", ".venv/.ready-dev")
+    planned = subprocess.run(
+        ["make", "-n", *ready, target], cwd=kernels.parents[1], capture_output=True, text=True, check=False
+    )
+    assert "-name '*.nb[ci]' -delete" in planned.stdout

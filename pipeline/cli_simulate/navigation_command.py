@@ -347,9 +347,9 @@ def _said(texts: Sequence[str] | None) -> Iterator[tuple[str, str]]:
 def _no_aid(option: str, word: str) -> OptionError:
     return OptionError(
         option,
-        expected=f"an aid that there is, of {', '.join(_DIMENSIONS)}",
+        expected="an aid of --aids" if word in _DIMENSIONS else f"an aid of {', '.join(_DIMENSIONS)}",
         found=repr(word),
-        remedy="correct it, or add it to --aids",
+        remedy="add it to --aids" if word in _DIMENSIONS else "correct it",
     )
 
 

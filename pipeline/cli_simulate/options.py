@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +26,10 @@ RepeatedSample = Annotated[list[float] | None, typer.Option(help="A sample recor
 LogDelay = Annotated[float, typer.Option(help="Of the recorder's clock behind the stamps, s.")]
 LogJitter = Annotated[float, typer.Option(help="1 sigma of the recorder's delay, s.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of all that is random.")]
+
+
+_GLUED = re.compile(r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?(?P<unit>\D.*)")
+"""A number and its unit without a blank between."""
 
 
 class OptionError(GyrostandError):
@@ -76,11 +81,15 @@ def numbers(option: str, text: str, dimension: str, count: int) -> list[float]:
     factor = units.factor(unit, dimension)
     values = _floats(given)
     if factor is None or len(values) != count:
+        remedy = units.nearest(unit, dimension) if factor is None else "give the numbers before the unit"
+        glued = _GLUED.fullmatch(unit)
+        if glued is not None and units.factor(glued["unit"], dimension) is not None:
+            remedy = "leave a blank between the number and the unit"
         raise OptionError(
             option,
             expected=f"{count} number{'s' * (count > 1)} and a unit of {dimension}",
             found=repr(text),
-            remedy=units.nearest(unit, dimension) if factor is None else "give the numbers before the unit",
+            remedy=remedy,
         )
     return [value * factor for value in values]
 

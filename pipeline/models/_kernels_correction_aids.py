@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from pipeline.models._kernels_correction_channel import CX, DV, DX, KLV_
 from pipeline.models._kernels_strapdown import (
+    cross,
     gravity,
     matrix_from_quaternion,
-    quaternion_from_matrix,
     radii,
+    rotation_vector,
 )
 
 Float = NDArray[np.float64]
@@ -52,14 +53,14 @@ MEMORY = 22
     LIFT,
     STALL_SQUARED,
     FIELD,
-) = (*range(13), 13)
+) = range(14)
 OPTIONS = FIELD + 3
 
 _LEAST_AGE = 1e-3
 """Of a fix [s], where one is divided by it."""
 
 _LEAST_HORIZONTAL = 0.05
-"""Part of the field that must lie across the vertical, if it is to tell a direction."""
+"""Part of the field, the Earth's and the measured one, that must be horizontal, if it is to tell a yaw."""
 
 
 @njit(cache=True)
@@ -207,12 +208,6 @@ def rotated_back(C: Float, v: Vector) -> Vector:
 
 
 @njit(cache=True)
-def cross(a: Vector, b: Vector) -> Vector:
-    """The product a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True)
 def unit(a: Vector) -> Vector:
     """Vector a over its length."""
     size = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
@@ -221,7 +216,7 @@ def unit(a: Vector) -> Vector:
 
 @njit(cache=True)
 def gravity_down(C: Float, position: Float, memory: Float, options: Float) -> tuple[bool, Vector]:
-    """Whether gravity is seen, and its direction C_k g_b/|g_b|, g_b as it is filtered."""
+    """Whether gravity is seen, and its direction C_k g_b/|g_b|, g_b as it is filtered; else straight down."""
     tau = options[GRAVITY_CONSTANT]
     seen = rotated(
         C,
@@ -233,7 +228,10 @@ def gravity_down(C: Float, position: Float, memory: Float, options: Float) -> tu
     )
     size = math.sqrt(seen[0] * seen[0] + seen[1] * seen[1] + seen[2] * seen[2])
     expected = gravity(position[0], position[2])
-    return abs(size / expected - 1.0) <= options[GRAVITY_GATE], unit(seen)
+    # Accelerometers that are dead leave nothing that has a direction.
+    if not (size > 0.0 and abs(size / expected - 1.0) <= options[GRAVITY_GATE]):
+        return False, (0.0, 0.0, 1.0)
+    return True, unit(seen)
 
 
 @njit(cache=True)
@@ -254,6 +252,8 @@ def take_field(
     if not abs(size / strength - 1.0) <= options[FIELD_GATE]:
         return False
     if math.hypot(m[0], m[1]) < _LEAST_HORIZONTAL * size:
+        return False
+    if math.hypot(field[0], field[1]) < _LEAST_HORIZONTAL * strength:
         return False
     if options[REFERENCE_OF_ATTITUDE] == BY_GRAVITY:
         yaw = math.atan2(m[1], m[0]) - math.atan2(field[1], field[0])
@@ -289,16 +289,6 @@ def _set_by_two(
         scale = angle / sine if sine > 0.0 else 0.0
         dU = (c[0] * scale, c[1] * scale, c[2] * scale)
     z[3, DV], z[4, DV], z[5, DV] = dU
-
-
-@njit(cache=True)
-def rotation_vector(R: Float) -> Vector:
-    """Rotation vector of a matrix [rad]."""
-    q = np.empty(4)
-    quaternion_from_matrix(R, q)
-    sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    scale = 2.0 * math.atan2(sine, q[0]) / sine if sine > 0.0 else 2.0
-    return q[1] * scale, q[2] * scale, q[3] * scale
 
 
 @njit(cache=True)

@@ -40,7 +40,6 @@ from pipeline.models._kernels_correction_aids import (
     WIND,
     WIND_CONSTANT,
     WIND_TIME,
-    cross,
     gravity_down,
     rotated,
     rotated_back,
@@ -65,6 +64,7 @@ from pipeline.models._kernels_correction_channel import (
     channel,
 )
 from pipeline.models._kernels_strapdown import (
+    cross,
     gravity,
     matrix_from_quaternion,
     orthonormalise,

@@ -206,11 +206,12 @@ def put_noise(W: Float, n: int, diagonal: Float, sensors: Float) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def triangularise(W: Float, n: int, diagonal: Float, noises: int, work: Float) -> None:
+def triangularise(W: Float, n: int, width: int, diagonal: Float, noises: int, work: Float) -> None:
     """``[S, noise] <- [S', 0]``, S' lower triangular, by Householder reflections from the right.
 
     Before the reflections S is lower triangular but for its last 9 x 9 block, and the noise stands as
-    `put_noise` wrote it: a row of S meets only the noise of the states up to its own.
+    `put_noise` wrote it: a row of S meets only the noise of the states up to its own. What stands in the
+    rows of W after the first n elements, up to ``width``, is turned with them.
     """
     met = 0
     for i in range(n):
@@ -219,7 +220,7 @@ def triangularise(W: Float, n: int, diagonal: Float, noises: int, work: Float) -
         begin = n
         if i >= n - 9:
             begin, met = i + 1, noises
-        reflect(W, i, begin, n + met, n, work)
+        reflect(W, i, begin, n + met, width, work)
 
 
 @njit(cache=True, error_model="numpy")
@@ -286,3 +287,14 @@ def observe(x: Float, W: Float, n: int, h: Float, innovation: float, variance: f
     share = innovation / s
     for r in range(n):
         x[r] += share * b[r]
+
+
+@njit(cache=True, error_model="numpy")
+def deviations(W: Float, n: int, out: Float) -> None:
+    """Standard deviations of the states, from a lower triangular factor by columns."""
+    out[:] = 0.0
+    for c in range(n):
+        for r in range(c, n):
+            out[r] += W[c, r] * W[c, r]
+    for r in range(n):
+        out[r] = math.sqrt(out[r])

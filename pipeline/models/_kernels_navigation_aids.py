@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from pipeline.models._kernels_error_state import minus_cross
 from pipeline.models._kernels_strapdown import (
     matrix_from_quaternion,
-    quaternion_from_matrix,
     radii,
+    rotation_vector,
     turn_right,
 )
 from pipeline.models.navigation_states import SLOTS
@@ -37,9 +37,10 @@ Float = NDArray[np.float64]
 Integer = NDArray[np.int64]
 
 POSITION, VELOCITY, AIRSPEED, ALTITUDE, MAGNETIC_FIELD, ATTITUDE = range(6)
+"""In the order of `pipeline.models.navigation_problem.AidName`."""
+
 SIDESLIP = 6
 """Place of its variance, after those of the aids."""
-"""In the order of `pipeline.models.navigation_problem.AidName`."""
 
 _HARD_IRON, _AIRSPEED_SCALE, _AIRSPEED_BIAS = (
     SLOTS.index("hard_iron"),
@@ -287,18 +288,15 @@ def _magnetic_field(
 @njit(cache=True, error_model="numpy")
 def _attitude(value: Float, C: Float, slots: Integer, other: Float, z: Float, H: Float) -> int:
     first = H.shape[1] - 9
-    measured, turn, q = np.empty((3, 3)), np.empty((3, 3)), np.empty(4)
+    measured, turn = np.empty((3, 3)), np.empty((3, 3))
     matrix_from_quaternion(value, measured)
     for i in range(3):
         for j in range(3):
             turn[i, j] = measured[i, 0] * C[j, 0] + measured[i, 1] * C[j, 1] + measured[i, 2] * C[j, 2]
-    quaternion_from_matrix(turn, q)
-    sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    # 2 asin(x)/x is 2 to the last digit below 1e-8
-    stretch = 2.0 if sine < 1e-8 else 2.0 * math.atan2(sine, q[0]) / sine
+    turned = rotation_vector(turn)
     for i in range(3):
         H[i, first + i] = 1.0
-        z[i] = stretch * q[1 + i]
+        z[i] = turned[i]
         for group in (_ATTITUDE_BIAS, _ATTITUDE_COLOUR):
             if slots[group] >= 0:
                 H[i, slots[group] + i] = 1.0

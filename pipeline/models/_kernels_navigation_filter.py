@@ -20,6 +20,7 @@ from pipeline.models._kernels_error_state import (
     VELOCITY_VARIANCE,
     T,
     accumulate,
+    deviations,
     propagate,
     put_noise,
     sensor_noise,
@@ -125,7 +126,7 @@ def advance(
 
 
 @njit(cache=True, error_model="numpy")
-def cross(
+def carry(
     W: Float,
     n: int,
     sums: Float,
@@ -159,7 +160,7 @@ def cross(
     for r in range(n - 9, n):
         diagonal[r] = jolt[r]
     propagate(W, n, Phi, decay, work)
-    triangularise(W, n, diagonal, put_noise(W, n, diagonal, sensors), work)
+    triangularise(W, n, n, diagonal, put_noise(W, n, diagonal, sensors), work)
     orthonormalise(C)
     sums[:] = 0.0
     jolt[:] = 0.0
@@ -240,7 +241,7 @@ def filter_steps(
             return i
         if nodes[i]:
             if i > 0:
-                cross(W, n, sums, nominal, walk, stationary, rate, jolt, Phi, sensors, diagonal, work)
+                carry(W, n, sums, nominal, walk, stationary, rate, jolt, Phi, sensors, diagonal, work)
             remember(node, nominal, W, n, Phi, sensors, diagonal, sigma_before, history)
             while event < events[0].size and events[0][event] == i:
                 take_in(
@@ -260,17 +261,6 @@ def filter_steps(
             positions[i, j], velocities[i, j] = position[j], velocity[j]
         quaternion_from_matrix(C, quaternions[i])
     return -1
-
-
-@njit(cache=True, error_model="numpy")
-def deviations(W: Float, n: int, out: Float) -> None:
-    """Standard deviations of the states, from the factor."""
-    out[:] = 0.0
-    for c in range(n):
-        for r in range(c, n):
-            out[r] += W[c, r] * W[c, r]
-    for r in range(n):
-        out[r] = math.sqrt(out[r])
 
 
 @njit(cache=True, error_model="numpy")

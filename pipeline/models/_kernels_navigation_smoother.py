@@ -11,11 +11,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.models._kernels_error_state import propagate, put_noise, reflect
+from pipeline.models._kernels_error_state import deviations, propagate, put_noise, reflect, triangularise
 from pipeline.models._kernels_strapdown import (
     matrix_from_quaternion,
-    quaternion_from_matrix,
     radii,
+    rotation_vector,
     turn_left,
 )
 
@@ -43,14 +43,7 @@ def joint_factor(
     for c in range(n, n + noises):
         for r in range(n, 2 * n):
             W[c, r] = 0.0
-    met = 0
-    for i in range(n):
-        if diagonal[i] > 0.0:
-            met += 1
-        begin = n
-        if i >= n - 9:
-            begin, met = i + 1, noises
-        reflect(W, i, begin, n + met, 2 * n, work)
+    triangularise(W, n, 2 * n, diagonal, noises, work)
     return n + noises
 
 
@@ -91,17 +84,14 @@ def difference(
     meridian, prime_vertical = radii(0.5 * (position[0] + before[0]), 0.5 * (position[2] + before[2]))
     for r in range(n - 9):
         out[r] = slow[r] - slow_before[r]
-    then, turn, q = np.empty((3, 3)), np.empty((3, 3)), np.empty(4)
+    then, turn = np.empty((3, 3)), np.empty((3, 3))
     matrix_from_quaternion(before[6:], then)
     for i in range(3):
         for j in range(3):
             turn[i, j] = C[i, 0] * then[j, 0] + C[i, 1] * then[j, 1] + C[i, 2] * then[j, 2]
-    quaternion_from_matrix(turn, q)
-    sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    # 2 asin(x)/x is 2 to the last digit below 1e-8
-    stretch = 2.0 if sine < 1e-8 else 2.0 * math.atan2(sine, q[0]) / sine
+    rotated = rotation_vector(turn)
     for i in range(3):
-        out[n - 9 + i] = stretch * q[1 + i]
+        out[n - 9 + i] = rotated[i]
         out[n - 6 + i] = velocity[i] - before[3 + i]
     turned = position[1] - before[1]
     turned -= 2.0 * math.pi * np.round(turned / (2.0 * math.pi))
@@ -195,7 +185,7 @@ def smooth_nodes(
         else:
             error_after[k] = 0.0
         corrected(error_after[k], path[0][k], path[1][k], path[2][k], slow[k], position, velocity, C, whole)
-        deviations_of(S, n, sigma[k])
+        deviations(S, n, sigma[k])
         if keep:
             factors[k] = S[:n]
     difference(before[0], slow[0], position, velocity, C, whole, error_before[0])
@@ -212,14 +202,3 @@ def carry_back(W: Float, S: Float, n: int, columns: int, tolerance: Float, v: Fl
         S[c] = W[c, n:]
     for i in range(n):
         reflect(S, i, i + 1, columns, n, work)
-
-
-@njit(cache=True, error_model="numpy")
-def deviations_of(S: Float, n: int, out: Float) -> None:
-    """Standard deviations from a triangular factor, by columns."""
-    out[:] = 0.0
-    for c in range(n):
-        for r in range(c, n):
-            out[r] += S[c, r] * S[c, r]
-    for r in range(n):
-        out[r] = math.sqrt(out[r])

@@ -11,6 +11,8 @@ body axes to N, E, D; vectors are float64 of shape (3,), matrices (3, 3), C-cont
     orthonormalise(C) -> None                takes back what rounding has done to C, in place
     matrix_from_quaternion(quaternion, C) -> None        fills C
     quaternion_from_matrix(C, quaternion) -> None        fills quaternion, w not negative
+    rotation_vector(R) -> vector, as a tuple             of R = exp([vector x])
+    cross(a, b) -> a x b, as tuples
     increments(alpha, upsilon, beta, sigma, rotation, velocity) -> None       fills the last two
     step(position, velocity, C, rotation, increment, dt) -> None       in place
     navigate(dt, rotation, increment, position, velocity, quaternion) -> row at a pole or -1
@@ -170,7 +172,18 @@ def quaternion_from_matrix(C: Float, quaternion: Float) -> None:
 
 
 @njit(cache=True)
-def _cross(a: Vector, b: Vector) -> Vector:
+def rotation_vector(R: Float) -> Vector:
+    """Rotation vector of a matrix [rad]."""
+    q = np.empty(4)
+    quaternion_from_matrix(R, q)
+    sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    scale = 2.0 * math.atan2(sine, q[0]) / sine if sine > 0.0 else 2.0
+    return q[1] * scale, q[2] * scale, q[3] * scale
+
+
+@njit(cache=True)
+def cross(a: Vector, b: Vector) -> Vector:
+    """The product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -192,7 +205,7 @@ def increments(
     for i in range(alpha.shape[0]):
         a, u = (alpha[i, 0], alpha[i, 1], alpha[i, 2]), (upsilon[i, 0], upsilon[i, 1], upsilon[i, 2])
         b, s = (beta[i, 0], beta[i, 1], beta[i, 2]), (sigma[i, 0], sigma[i, 1], sigma[i, 2])
-        coning, rotated, sculled = _cross(a, b), _cross(a, s), _cross(u, b)
+        coning, rotated, sculled = cross(a, b), cross(a, s), cross(u, b)
         phi = (a[0] + coning[0], a[1] + coning[1], a[2] + coning[2])
         eta = (
             u[0] + rotated[0] + sculled[0],
@@ -205,8 +218,8 @@ def increments(
             third = (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))) / 6.0
         else:
             third = (1.0 - sine) / square
-        once = _cross(phi, eta)
-        twice = _cross(phi, once)
+        once = cross(phi, eta)
+        twice = cross(phi, once)
         for j in range(3):
             rotation[i, j] = phi[j]
             velocity[i, j] = eta[j] + cosine * once[j] + third * twice[j]

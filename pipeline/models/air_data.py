@@ -20,10 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Float = NDArray[np.float64]
+from pipeline.units import STANDARD_GRAVITY
 
-STANDARD_GRAVITY = 9.80665
-"""g_0, in which the load is counted [m/s^2]."""
+Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

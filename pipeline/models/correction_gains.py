@@ -30,6 +30,9 @@ Complex = NDArray[np.complex128]
 Measured = Literal["velocity", "position", "both"]
 """What a channel measures."""
 
+_LEAST, _LARGEST = 1e-9, 1e6
+"""Of a gain or time constant: no loop needs others, and products of so many as there are remain numbers."""
+
 MEASURED: tuple[Measured, ...] = ("velocity", "position", "both")
 
 
@@ -299,13 +302,14 @@ def require_positive(channel: Channel) -> None:
     if channel.frozen:
         unused = unused | {"k_n"}
     for name in (f.name for f in fields(g) if f.name not in unused):
-        value = getattr(g, name)
-        if not 0 < value < np.inf:
+        value, symbol = getattr(g, name), names.get(name, name)
+        if not _LEAST <= value <= _LARGEST:
+            remedy = "without it a coefficient of the characteristic polynomial vanishes"
             raise CorrectionGainsError(
                 f"gains, {channel.name}",
-                expected=f"{names.get(name, name)} > 0",
+                expected=f"{symbol} from {_LEAST:g} to {_LARGEST:g}" if value > 0 else f"{symbol} > 0",
                 found=f"{value:g}",
-                remedy="without it a coefficient of the characteristic polynomial vanishes",
+                remedy="check its unit" if value > 0 else remedy,
             )
 
 

@@ -39,8 +39,9 @@ After an outage the integrators are set anew: ``L_k = L_ext``, ``V_k = V_ext``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal, get_args
 
 import numpy as np
@@ -48,7 +49,7 @@ from numpy.typing import NDArray
 
 from pipeline.models import _kernels_correction_aids as _aids
 from pipeline.models import _kernels_correction_loops as _kernels
-from pipeline.models.air_data import STANDARD_GRAVITY, Lift
+from pipeline.models.air_data import Lift
 from pipeline.models.correction_gains import TUNED, Channel, ChannelGains, LoopGains, channels
 from pipeline.models.correction_response import (
     FOLLOWING,
@@ -59,8 +60,9 @@ from pipeline.models.correction_response import (
     analyse,
     check,
 )
-from pipeline.models.navigation_errors import NavigationError
+from pipeline.models.navigation_errors import check_start, field_of, lost
 from pipeline.models.navigation_problem import AidName, Fixes, Innovations, Navigation, Problem
+from pipeline.units import STANDARD_GRAVITY
 
 Float = NDArray[np.float64]
 Integer = NDArray[np.int64]
@@ -69,6 +71,16 @@ AttitudeReference = Literal["A", "M", "X"]
 
 AIDS: tuple[AidName, ...] = get_args(AidName)
 """In the order of the compiled loops."""
+
+_IDLE: Mapping[AttitudeReference | None, tuple[AidName, ...]] = MappingProxyType(
+    {
+        "A": ("attitude",),
+        "M": ("attitude",),
+        "X": ("magnetic_field",),
+        None: ("magnetic_field", "attitude"),
+    }
+)
+"""Aids that drive no loop, by the reference of the attitude."""
 
 _COMPONENTS = {"airspeed": 1, "altitude": 1}
 """Of an innovation, where it has not three."""
@@ -163,8 +175,9 @@ def navigate(problem: Problem, settings: LoopSettings | None = None) -> Navigati
     Returns
     -------
     Navigation
-        Method ``loops``. Innovations have no deviations (NaN), and are NaN where a fix was not looked at
-        because it is not usable, lies outside the record or another one followed in the same step.
+        Method ``loops``, with the aids that drive one. Innovations have no deviations (NaN), and are NaN
+        where a fix was not looked at because it is not usable, lies outside the record or another one
+        followed in the same step.
 
     Raises
     ------
@@ -200,13 +213,23 @@ def analyses(problem: Problem, settings: LoopSettings) -> tuple[Analysis, ...]:
     return tuple(analyse(channel, **sampling) for channel, sampling in _sampled(problem, settings))
 
 
+def _driven(problem: Problem, settings: LoopSettings) -> Problem:
+    """The problem with those aids alone that drive a loop."""
+    aids = {name: fixes for name, fixes in problem.aids.items() if name not in _IDLE[settings.attitude]}
+    return replace(problem, aids=aids)
+
+
 def _sampled(problem: Problem, settings: LoopSettings) -> Iterator[tuple[Channel, Sampling]]:
     """The channels that may be at work, with the sampling period and the interval between their fixes."""
+    problem = _driven(problem, settings)
     step = float(np.median(np.diff(problem.imu.time)))
     intervals = {name: _interval(fixes) for name, fixes in problem.aids.items()}
     for channel in channels(settings.gains, problem.aids):
+        of_attitude = "attitude" in channel.driven_by
+        if of_attitude and settings.attitude is None:
+            continue
         # Differences of the attitude are propagated whatever is said of position and velocity.
-        reference = "propagated" if "attitude" in channel.driven_by else settings.reference
+        reference = "propagated" if of_attitude else settings.reference
         slowest = max((intervals[name] for name in channel.driven_by if name in intervals), default=step)
         yield channel, Sampling(step=step, interval=max(slowest, step), reference=reference)
 
@@ -216,6 +239,8 @@ def follow(problem: Problem, settings: LoopSettings) -> Navigation:
 
     Parameters and errors as for `navigate`, which see; unstable loops end as numbers that say so.
     """
+    check_start(problem)
+    problem = _driven(problem, settings)
     time = np.ascontiguousarray(problem.imu.time, dtype=np.float64)
     count, start = len(time), problem.start
     at, fix_time, fix_value, place = _fixes(problem, time)
@@ -226,7 +251,7 @@ def follow(problem: Problem, settings: LoopSettings) -> Navigation:
     used = np.zeros((count, len(AIDS)), dtype=np.bool_)
     accepted = np.zeros(len(fix_time), dtype=np.bool_)
     innovation = np.full((len(fix_time), 3), np.nan)
-    lost = _kernels.follow(
+    failed = _kernels.follow(
         time,
         np.ascontiguousarray(problem.imu.rotation),
         np.ascontiguousarray(problem.imu.velocity),
@@ -247,8 +272,8 @@ def follow(problem: Problem, settings: LoopSettings) -> Navigation:
         accepted,
         innovation,
     )
-    if lost >= 0:
-        raise _lost(float(time[lost] - time[0]), float(position[max(lost - 1, 0), 0]))
+    if failed >= 0:
+        raise lost("loops", float(time[failed] - time[0]), float(position[failed - 1, 0]))
     return Navigation(
         method="loops",
         time=problem.imu.time,
@@ -267,15 +292,6 @@ def follow(problem: Problem, settings: LoopSettings) -> Navigation:
             name: _innovations(name, fixes, innovation[place[name]], accepted[place[name]])
             for name, fixes in problem.aids.items()
         },
-    )
-
-
-def _lost(after: float, latitude: float) -> NavigationError:
-    return NavigationError(
-        f"loops, {after:.3f} s after the start",
-        expected="a latitude within 89.9 degrees",
-        found=f"{np.degrees(latitude):.4g} degrees, and then none",
-        remedy="north and east cannot be navigated with at a pole; see also whether the aids are sound",
     )
 
 
@@ -352,8 +368,7 @@ def _options(problem: Problem, settings: LoopSettings) -> Float:
         options[_aids.STALL_SQUARED] = lift.stall_speed**2
     else:
         options[_aids.STALL_SQUARED] = 1.0
-    if problem.earth_field is not None:
-        options[_aids.FIELD : _aids.FIELD + 3] = problem.earth_field.ned
+    options[_aids.FIELD : _aids.FIELD + 3] = field_of(problem)
     return options
 
 

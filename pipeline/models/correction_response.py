@@ -114,6 +114,12 @@ def _concerned(channel: Channel, reference: Reference) -> list[int]:
     return sorted(places[channel.measured] - left_out)
 
 
+def _between_fixes(channel: Channel, *, step: float, interval: float, reference: Reference) -> Float:
+    """All steps from one fix to the next, shape (7, 7)."""
+    count = max(1, round(interval / step))
+    return np.linalg.matrix_power(step_matrix(channel, reference, interval / count), count)
+
+
 def sampled_matrix(channel: Channel, *, step: float, interval: float, reference: Reference) -> Float:
     """From just before a fix to just before the next, over the states that the channel concerns.
 
@@ -131,15 +137,18 @@ def sampled_matrix(channel: Channel, *, step: float, interval: float, reference:
     -------
     ndarray, shape (k, k)
     """
-    count = max(1, round(interval / step))
-    Phi = np.linalg.matrix_power(step_matrix(channel, reference, interval / count), count)
+    Phi = _between_fixes(channel, step=step, interval=interval, reference=reference)
     places = _concerned(channel, reference)
     return np.asarray((Phi @ fix_matrix(channel, interval))[np.ix_(places, places)])
 
 
 def sampled_poles(channel: Channel, *, step: float, interval: float, reference: Reference) -> Complex:
-    """Eigenvalues of `sampled_matrix` [1], the largest first."""
-    found = np.linalg.eigvals(sampled_matrix(channel, step=step, interval=interval, reference=reference))
+    """Eigenvalues of `sampled_matrix` [1], the largest first; one that is infinite if it overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        M = sampled_matrix(channel, step=step, interval=interval, reference=reference)
+    if not np.isfinite(M).all():
+        return np.array([np.inf], dtype=np.complex128)
+    found = np.linalg.eigvals(M)
     return found[np.argsort(-np.abs(found))].astype(np.complex128)
 
 
@@ -194,11 +203,11 @@ def noise_gain(
         stable.
     """
     settings = {"step": step, "interval": interval}
-    M = sampled_matrix(channel, reference=reference, **settings)
     stable = spectral_radius(channel, reference=reference, **settings) < 1.0
-    count = max(1, round(interval / step))
-    Phi = np.linalg.matrix_power(step_matrix(channel, reference, interval / count), count)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a loop that is not stable
+        Phi = _between_fixes(channel, reference=reference, **settings)
     places = _concerned(channel, reference)
+    M = (Phi @ fix_matrix(channel, interval))[np.ix_(places, places)] if stable else None
     outputs = {"velocity": np.eye(7)[V] - channel.gains.k_LV * np.eye(7)[CX]}
     if channel.measured == "velocity":
         outputs["velocity"] = np.eye(7)[V]
@@ -212,7 +221,7 @@ def noise_gain(
         column = -Phi[places, place]
         if channel.measured == "position":
             column -= min(FOLLOWING, 1 / interval) * Phi[places, DV]
-        P = solve_discrete_lyapunov(M, np.outer(column, column)) if stable else None
+        P = None if M is None else solve_discrete_lyapunov(M, np.outer(column, column))
         for output, row in outputs.items():
             seen = row[places]
             gains[source, output] = float(np.sqrt(seen @ P @ seen)) if P is not None else float("inf")
@@ -262,7 +271,7 @@ def analyse(channel: Channel, *, step: float, interval: float, reference: Refere
     Raises
     ------
     CorrectionGainsError
-        If a gain that the channel uses is not a positive number.
+        If a gain that the channel uses is not a positive number, or out of all measure.
     """
     require_positive(channel)
     found = poles(channel)

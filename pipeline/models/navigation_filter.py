@@ -17,7 +17,6 @@ interpolated to its time.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import get_args
 
@@ -27,7 +26,7 @@ from scipy.stats import chi2
 
 from pipeline.models import _kernels_navigation_aids as aids_kernel
 from pipeline.models._kernels_navigation_filter import between_nodes, filter_steps, mark_nodes, spaced
-from pipeline.models.navigation_errors import NavigationError
+from pipeline.models.navigation_errors import check_start, field_of, lost
 from pipeline.models.navigation_filter_settings import FilterSettings
 from pipeline.models.navigation_problem import (
     AidName,
@@ -136,10 +135,11 @@ def run(problem: Problem, settings: FilterSettings, *, keep_history: bool) -> Fi
     With ``keep_history`` the factors of all nodes are kept: 8 n^2 bytes each.
     """
     imu = problem.imu
-    field = _field(problem)
+    check_start(problem)
+    field = field_of(problem)
     states = states_of(settings, problem.aids)
     events = _events(problem, settings)
-    n, rows, steps = len(states), len(imu.time), len(imu)
+    n, rows = len(states), len(imu.time)
     nodes = mark_nodes(imu.time, events.row, settings.covariance_step)
     at = np.flatnonzero(nodes)
     path = (np.empty((rows, 3)), np.empty((rows, 3)), np.empty((rows, 4)))
@@ -169,7 +169,7 @@ def run(problem: Problem, settings: FilterSettings, *, keep_history: bool) -> Fi
         (history.before, history.factor, history.transition, history.sensor_noise, history.own_noise),
     )
     if failed >= 0:
-        raise _lost(imu.time[failed] - imu.time[0], float(path[0][max(failed - 1, 0), 0]), steps)
+        raise lost("navigation filter", imu.time[failed] - imu.time[0], path[0][failed - 1, 0])
     navigation = _navigation(problem, settings, states, events, at, path, kept, innovations)
     return Filtered(navigation, states, at, kept[0], history if keep_history else None)
 
@@ -201,28 +201,6 @@ def deviations(states: States, time: Float, rows: Integer, before: Float, after:
         accelerometer_bias=whole[:, group["accelerometer_bias"]],
         wind=whole[:, group["wind"]] if "wind" in group else None,
         barometer_bias=whole[:, group["barometer_bias"]][:, 0] if "barometer_bias" in group else None,
-    )
-
-
-def _field(problem: Problem) -> Float:
-    if problem.earth_field is not None:
-        return np.ascontiguousarray(problem.earth_field.ned, dtype=np.float64)
-    if "magnetic_field" in problem.aids:
-        raise NavigationError(
-            "navigation filter",
-            expected="the magnetic field of the Earth beside a magnetometer",
-            found="none",
-            remedy="state its strength, dip and declination, or leave the magnetometer out",
-        )
-    return np.zeros(3)
-
-
-def _lost(elapsed: float, latitude: float, steps: int) -> NavigationError:
-    return NavigationError(
-        f"navigation filter, {elapsed:.3f} s from the start of {steps} steps",
-        expected="a latitude within 89.9°",
-        found=f"a state that left it, from latitude {math.degrees(latitude):.3f}°",
-        remedy="leave out the part of the recording from there on, or look at start and inertial sensors",
     )
 
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.units import STANDARD_GRAVITY
+
 Float = NDArray[np.float64]
 
 SEA_LEVEL_PRESSURE = 101325.0
@@ -26,9 +28,6 @@ LAPSE = 6.5e-3
 
 GAS_CONSTANT = 287.05287
 """R of dry air [J/(kg K)]."""
-
-STANDARD_GRAVITY = 9.80665
-"""g_0 [m/s^2]."""
 
 TROPOPAUSE = 11_000.0
 """[m]."""

@@ -30,8 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.models import _inertial_samples as _samples
 from pipeline.models import _kernels_strapdown as _kernels
-from pipeline.models.ellipsoid import POLAR_LIMIT
-from pipeline.models.navigation_errors import NavigationError
+from pipeline.models.navigation_errors import check_start, lost
 from pipeline.models.navigation_problem import Imu, Navigation, Problem
 from pipeline.numerics.rotation import euler_krylov_from_quaternion, quaternion_from_euler_krylov
 
@@ -180,40 +179,9 @@ def navigate(problem: Problem) -> Navigation:
     attitude[0] = start.attitude / np.linalg.norm(start.attitude)
     row = _kernels.navigate(np.diff(imu.time), imu.rotation, imu.velocity, position, velocity, attitude)
     if row >= 0:
-        raise at_a_pole(imu.time[row])
+        raise lost("strapdown navigation", imu.time[row] - imu.time[0], position[row - 1, 0])
     bias = np.zeros((count, 3))
     return Navigation("strapdown", imu.time, position, velocity, attitude, bias, bias.copy())
-
-
-def check_start(problem: Problem) -> None:
-    """Refuse a start that is no number or at a pole.
-
-    Raises
-    ------
-    NavigationError
-    """
-    start = problem.start
-    state = [start.latitude, start.longitude, start.height, *start.velocity, *start.attitude]
-    if not np.isfinite(state).all() or not np.any(start.attitude):
-        raise NavigationError(
-            "the start of navigation",
-            expected="position, velocity and attitude that are numbers",
-            found=", ".join(f"{value:g}" for value in state),
-            remedy="state the start in the test plan",
-        )
-    if abs(start.latitude) > POLAR_LIMIT:
-        raise at_a_pole(problem.imu.time[0])
-
-
-def at_a_pole(time: float) -> NavigationError:
-    """The refusal to navigate where there is no north, at an instant [s]."""
-    limit = np.degrees(POLAR_LIMIT)
-    return NavigationError(
-        f"navigation at {time:.3f} s",
-        expected=f"a latitude within {limit:g} degrees of the equator",
-        found="one beyond, or none",
-        remedy="there is no north at a pole: leave that stretch out, or check the unit of latitude",
-    )
 
 
 def yaw_pitch_roll(quaternion: ArrayLike) -> Float:

@@ -31,16 +31,25 @@ _CLOSE = 0.2  # poles all within this of one are shown from near by
 
 _FIGURES = (
     ("k_n", "k_n"),
-    ("k_n_limit", "limit of k_n"),
+    ("k_n_limit", "its limit"),
     ("damping", "damping"),
     ("settling_time", "settling time"),
-    ("spectral_radius", "spectral radius"),
+    ("spectral_radius", "radius"),
     ("noise_velocity_by_velocity", "V by V"),
     ("noise_velocity_by_position", "V by X"),
     ("noise_position_by_position", "X by X"),
     ("noise_position_by_velocity", "X by V"),
+    ("noise_attitude_by_attitude", "U by U"),
 )
 """Columns of the table: their name in ``loops`` and their head."""
+
+_RATIOS = {
+    "(m/s)/(m/s)": "",
+    "(m)/(m)": "",
+    "(rad)/(rad)": "",
+    "(m/s)/(m)": "1/s",
+    "(m)/(m/s)": "s",
+}
 
 
 def poles(tables: Tables) -> Section | None:
@@ -186,15 +195,15 @@ def _limits(tables: Tables) -> str:
     )
     note = (
         '<p class="note">k_n is the gain of the bias (of the attitude k_ω): beyond its limit by Routh and '
-        "Hurwitz the loop is not stable. Settling time: until 5 % is left. The spectral radius is for one "
+        "Hurwitz the loop is not stable. Settling time: until 5 % is left. The radius, spectral, is for one "
         "measurement. V by X and the like: standard deviation of the navigated by white noise of the "
-        "measured, V velocity or attitude, X position.</p>"
+        "measured, V velocity, X position, U attitude.</p>"
     )
     return html_table(heads, body, range(1, len(heads)), "matrix") + note
 
 
 def _head(head: str, of: str) -> str:
-    shown = {"(m/s)/(m/s)": "", "(m)/(m)": "", "(m/s)/(m)": "1/s", "(m)/(m/s)": "s"}.get(of, unit(of))
+    shown = _RATIOS.get(of, unit(of))
     return f"{head} [{shown}]" if shown else head
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.models.navigation_filter_settings import MeasurementNoise
 from pipeline.models.navigation_problem import Start
 from pipeline.models.strapdown import yaw_pitch_roll
 from pipeline.simulate.navigation_settings import NavigationSettings
@@ -55,6 +56,9 @@ def sections(settings: NavigationSettings, start: Start) -> Sections:
             "cruise_speed_m_s": lift.cruise_speed,
             "stall_speed_m_s": lift.stall_speed,
         }
+        if "airspeed" in settings.aids:
+            # What flies by such a curve keeps its nose in the air's way: gusts across it are as those along.
+            stated["navigate.filter.measurement"] = {"sideslip_m_s": MeasurementNoise().airspeed}
     errors = settings.errors
     known: dict[str, Value] = {}
     if errors.gyro_wander is None:

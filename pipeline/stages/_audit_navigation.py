@@ -23,6 +23,7 @@ from pipeline.stages._audit_rows import StreamReport
 from pipeline.stages._audit_values import audit_missing
 from pipeline.stages._navigation_streams import CHANNELS
 from pipeline.stages.base import Tables, counted
+from pipeline.units import STANDARD_GRAVITY
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -34,17 +35,14 @@ SENSORS = ("accelerometer", "accelerometer_increments", "magnetometer")
 AIDS = ("gnss_position", "gnss_velocity", "airspeed", "barometer", "external_attitude")
 """Streams of which a measurement may be frozen in all its channels together."""
 
-GRAVITY = 9.80665
-"""[m/s^2]."""
-
 _ACCELERATION_UNITS: Mapping[str, float] = MappingProxyType(
     {
-        "g where m/s^2 are stated": 1 / GRAVITY,
-        "m/s^2 where g are stated": GRAVITY,
-        "mg where m/s^2 are stated": 1000 / GRAVITY,
+        "g where m/s^2 are stated": 1 / STANDARD_GRAVITY,
+        "m/s^2 where g are stated": STANDARD_GRAVITY,
+        "mg where m/s^2 are stated": 1000 / STANDARD_GRAVITY,
         "mg where g are stated": 1000.0,
         "g where mg are stated": 1e-3,
-        "m/s^2 where mg are stated": GRAVITY / 1000,
+        "m/s^2 where mg are stated": STANDARD_GRAVITY / 1000,
     }
 )
 _NEAR = 1.5
@@ -64,11 +62,25 @@ _FIELD_UNITS: Mapping[str, float] = MappingProxyType(
         "milligauss where microtesla are stated": 10.0,
         "microtesla where milligauss are stated": 0.1,
         "nanotesla where microtesla are stated": 1e3,
+        "microtesla where nanotesla are stated": 1e-3,
         "tesla where microtesla are stated": 1e-6,
         "gauss where microtesla are stated": 1e-2,
     }
 )
 _TYPICAL_FIELD = float(np.sqrt(_FIELD[0] * _FIELD[1]))
+
+_ALTITUDES = (-1000.0, 20_000.0)
+"""Median altitude by pressure [m], beyond which it is none; and how far it may be from the height by
+satellites, of which the day's pressure and temperature make some hundred metres and a tenth."""
+_ALTITUDE_OFF, _ALTITUDE_SCALE = 1000.0, 0.2
+
+_VELOCITY_OF: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "gnss_position": ("gnss_velocity", "velocity by satellites"),
+        "truth_position": ("truth_velocity", "true velocity"),
+    }
+)
+"""The stream that says how the positions of another move, and what it is called."""
 
 _FASTEST = 1000.0
 """A speed [m/s] that no vehicle with an air speed has."""
@@ -133,8 +145,10 @@ def judge_together(reports: Sequence[StreamReport], tables: Tables) -> None:
     for report in reports:
         if report.stream in CHANNELS and gyro is not None:
             audit_overlap(report, gyro.column("time").to_numpy())
-        if report.stream == "gnss_position":
-            audit_position(report, tables["gnss_position"], tables)
+        if report.stream in _VELOCITY_OF:
+            audit_position(report, tables[report.stream], tables)
+        if report.stream == "barometer":
+            audit_altitude(report, tables)
 
 
 def audit_force(report: StreamReport, values: Float, regular: Intervals | None) -> None:
@@ -155,20 +169,21 @@ def audit_force(report: StreamReport, values: Float, regular: Intervals | None) 
     if len(values) < 2:
         return
     size = float(np.median(np.linalg.norm(values, axis=1)))
-    report.figure("specific_force_ratio", size / GRAVITY)
-    if not _WEIGHT[0] < size / GRAVITY < _WEIGHT[1]:
-        guess = _guess(size / GRAVITY, _ACCELERATION_UNITS)
+    report.figure("specific_force_ratio", size / STANDARD_GRAVITY)
+    if not _WEIGHT[0] < size / STANDARD_GRAVITY < _WEIGHT[1]:
+        guess = _guess(size / STANDARD_GRAVITY, _ACCELERATION_UNITS)
         report.say(
             "implausible unit",
             "error",
-            f"the median specific force is {size:.4g} m/s^2, {size / GRAVITY:.3g} times gravity{guess}",
+            f"the median specific force is {size:.4g} m/s^2, {size / STANDARD_GRAVITY:.3g} times "
+            f"gravity{guess}",
         )
         return
     along = np.median(values, axis=0)
-    if along[2] > 0.5 * GRAVITY:
+    if along[2] > 0.5 * STANDARD_GRAVITY:
         report.say(
             "implausible axes",
-            "warning",
+            "error",
             f"the median specific force along body axis 3 is {along[2]:+.4g} m/s^2: upside down, or axes "
             "forward, left, up where forward, right, down are meant (rotation = "
             "[[1, 0, 0], [0, -1, 0], [0, 0, -1]])",
@@ -193,6 +208,26 @@ def audit_field(report: StreamReport, values: Float) -> None:
     )
 
 
+def audit_altitude(report: StreamReport, tables: Tables) -> None:
+    """Whether the altitude by pressure is one, and not far from the height by satellites."""
+    altitude = _median(tables["barometer"], "altitude")
+    height = _median(tables["gnss_position"], "height") if "gnss_position" in tables else None
+    if altitude is None:
+        return
+    off = None if height is None else abs(altitude - height)
+    far = off is not None and off > _ALTITUDE_OFF + _ALTITUDE_SCALE * abs(height or 0.0)
+    if far or not _ALTITUDES[0] <= altitude <= _ALTITUDES[1]:
+        beside = "" if height is None else f", the height by satellites {height:.6g} m"
+        text = f"the median altitude by pressure is {altitude:.6g} m{beside}: wrong unit?"
+        report.say("implausible unit", "error", text)
+
+
+def _median(table: pa.Table, name: str) -> float | None:
+    values = table.column(name).to_numpy()
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None
+
+
 def _guess(ratio: float, known: Mapping[str, float], near: float = _NEAR) -> str:
     """The confusion of units that explains a ratio best, as the end of a sentence."""
     if not ratio > 0:
@@ -215,7 +250,7 @@ def audit_overlap(report: StreamReport, gyro: Int) -> None:
 
 
 def audit_position(report: StreamReport, table: pa.Table, tables: Tables) -> None:
-    """Whether a latitude is one, and positions move as the velocity by satellites says."""
+    """Whether a latitude is one, and positions move as the velocity beside them says."""
     names = CHANNELS["gnss_position"]
     values = np.stack([table.column(name).to_numpy() for name in names], axis=1)
     finite = np.isfinite(values).all(axis=1)
@@ -256,7 +291,8 @@ def _audit_ways(report: StreamReport, time: Int, values: Float, tables: Tables) 
             count=fast,
         )
     stride = max(1, min(round(_BASELINE / float(np.median(np.diff(seconds)))), len(time) // 3))
-    told, known = _told(time, stride, tables)
+    velocity, called = _VELOCITY_OF[report.stream]
+    told, known = _told(time, stride, tables, velocity)
     if np.count_nonzero(known) < _FEWEST:
         return
     told = told[known]
@@ -279,8 +315,8 @@ def _audit_ways(report: StreamReport, time: Int, values: Float, tables: Tables) 
     report.say(
         "implausible position",
         "error" if explained else "warning",
-        f"positions move at {_size(moved):.4g} m/s (root mean square), {off:.4g} m/s away from the velocity "
-        f"by satellites, {scale:.4g} m/s: " + (name if explained else "wrong columns, unit or clock?"),
+        f"positions move at {_size(moved):.4g} m/s (root mean square), {off:.4g} m/s away from the "
+        f"{called}, {scale:.4g} m/s: " + (name if explained else "wrong columns, unit or clock?"),
     )
 
 
@@ -296,13 +332,13 @@ def _moved(seconds: Float, position: Float, stride: int) -> Float:
     return metres_between(position[:-stride], position[stride:]) / length
 
 
-def _told(time: Int, stride: int, tables: Tables) -> tuple[Float, Mask]:
-    """Mean velocity N, E by satellites over the same times [m/s], and where it is known throughout."""
+def _told(time: Int, stride: int, tables: Tables, velocity: str) -> tuple[Float, Mask]:
+    """Mean velocity N, E of a stream over the same times [m/s], and where it is known throughout."""
     start, end = time[:-stride], time[stride:]
     nowhere = np.zeros((len(start), 2)), np.zeros(len(start), dtype=np.bool_)
-    if "gnss_velocity" not in tables:
+    if velocity not in tables:
         return nowhere
-    table = tables["gnss_velocity"]
+    table = tables[velocity]
     own = table.column("time").to_numpy()
     values = np.stack([table.column(name).to_numpy() for name in ("north", "east")], axis=1)
     kept = advancing(own).kept & np.isfinite(values).all(axis=1)

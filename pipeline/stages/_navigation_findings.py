@@ -20,6 +20,10 @@ Row = dict[str, Any]
 _MOST = 20
 """Outages of an aid with a finding of their own; the others are in one more."""
 
+_MANY = 0.2
+"""Share of refused measurements from which more than outliers are to be suspected."""
+_DOUBT = "; so many: are its unit, axes, clock and sigma right, and the start?"
+
 
 def of_sensors(imu: Imu, origin: int) -> Iterator[Row]:
     """Steps whose samples were missing or not numbers."""
@@ -70,9 +74,10 @@ def of_gates(navigations: Sequence[Navigation], origin: int) -> Iterator[Row]:
             count = int(refused.sum())
             if count:
                 at = tried.time[refused]
+                tries = count + int(tried.accepted.sum())
                 detail = (
-                    f"{one.method}: {counted(count, 'measurement')} of {len(tried.time)} too far from what "
-                    "was predicted: not used"
+                    f"{one.method}: {counted(count, 'measurement')} of {tries} too far from what was "
+                    f"predicted: not used{_DOUBT if count > _MANY * tries else ''}"
                 )
                 ends = float(at[0]), float(at[-1])
                 yield _row(AID_TABLES[aid], "refused", "warning", detail, ends, origin, count)
@@ -103,7 +108,7 @@ def of_reference(imu: Imu, origin: int) -> Row:
 def not_done(method: str, reason: str, imu: Imu, origin: int) -> Row:
     """A method that failed where another did not."""
     whole = float(imu.time[0]), float(imu.time[-1])
-    return _row("gyro", "method not done", "warning", f"{method}: {reason}", whole, origin)
+    return _row("gyro", "method not done", "error", f"{method}: {reason}", whole, origin)
 
 
 def _row(

@@ -333,15 +333,22 @@ def _unusable(aid: AidName, table: pa.Table, values: Float, settings: Settings) 
         with np.errstate(invalid="ignore"):
             beyond = np.abs(values[:, 0]) > np.pi / 2
         why["with a latitude beyond a pole"] = np.asarray(beyond, dtype=np.bool_)
+        nowhere = (values[:, :2] == 0).all(axis=1)
+        why["of latitude and longitude 0, as receivers write where they have no fix"] = np.asarray(
+            nowhere, dtype=np.bool_
+        )
     if aid == "airspeed":
         why["below zero"] = np.asarray(values[:, 0] < 0, dtype=np.bool_)
+    if aid == "magnetic_field":
+        why["of no field at all"] = np.asarray((values == 0).all(axis=1), dtype=np.bool_)
     index = np.flatnonzero(finite)
     frozen = np.zeros(len(values), dtype=np.bool_)
     if len(index):
         held = frozen_runs(values[index], settings.frozen_fixes)
         for start, stop in zip(held.start, held.stop, strict=True):
             frozen[index[start + 1 : stop]] = True  # what was seen first may be sound
-    why["that repeat the one before, bit for bit, too long"] = frozen
+    many = settings.frozen_fixes
+    why[f"that repeat the one before bit for bit, {many} or more in a row (key frozen_fixes)"] = frozen
     return why
 
 

@@ -105,9 +105,9 @@ class LiftPlan(_Settings):
 
     zero_lift_deg: float = Field(-2.0, gt=-45, lt=45, description="angle of attack without lift, degrees")
     cruise_deg: float = Field(2.0, gt=-45, lt=45, description="angle of attack in level flight, degrees")
-    cruise_speed_m_s: float = Field(gt=0, description="true air speed of that flight, m/s")
+    cruise_speed_m_s: float = Field(gt=0, le=1000, description="true air speed of that flight, m/s")
     stall_speed_m_s: float = Field(
-        gt=0, description="true air speed below which the wing does not carry, m/s"
+        gt=0, le=1000, description="true air speed below which the wing does not carry, m/s"
     )
 
     @property

@@ -214,7 +214,8 @@ def _of_aid(found: Mapping[AidName, Fixes], aid: AidName, key: str, what: str) -
             f"test plan, key navigate.{key}",
             expected=what,
             found="no such aid" if fixes is None else f"none among {len(fixes.time)}",
-            remedy=f'state it in [navigate.start] and choose {key} = "plan"',
+            remedy=("" if fixes is None else "check its unit, columns and min_fix, or ")
+            + f'state it in [navigate.start] and choose {key} = "plan"',
             exit_code=ExitCode.USAGE,
         )
     return Known(fixes.time[usable], fixes.value[usable])
@@ -282,12 +283,19 @@ def _levelled(
     turning, excess = float(np.linalg.norm(rate)), abs(float(np.linalg.norm(force)) - g)
     resting = turning < _RESTING_RATE and excess < _RESTING_FORCE and float(scatter.max()) < _RESTING_FORCE
     if not resting:
+        when = (
+            f"the first {settings.level_s:g} s"
+            if begin < 1
+            else f"{settings.level_s:g} s from {begin:.3g} s on"
+        )
+        still = float(scatter.max()) < _RESTING_FORCE
         raise StageError(
             "test plan, key navigate.start_attitude",
-            expected=f"rest over the first {settings.level_s:g} s, where it is 'levelled'",
+            expected=f"rest over {when}, where it is 'levelled'",
             found=f"{np.degrees(turning):.3g} deg/s, a specific force {excess:.3g} m/s^2 away from gravity "
             f"that scatters by {float(scatter.max()):.3g} m/s^2",
-            remedy="lower level_s, record longer rest, or state the attitude in [navigate.start]",
+            remedy=("check the units of gyro and accelerometer, " if still else "")
+            + "lower level_s, record longer rest, or state the attitude in [navigate.start]",
         )
     pitch, roll = pitch_and_roll(force)
     field = found.get("magnetic_field")

@@ -54,8 +54,9 @@ def chosen(time: Float, interval: float) -> Integer:
         [s].
     """
     # A thousandth of the interval late is not late: stamps are whole nanoseconds.
-    grid = np.arange(time[0], time[-1], interval) - 1e-3 * interval
-    return np.unique(np.append(np.searchsorted(time, grid), len(time) - 1))
+    passed = np.floor((time - time[0]) / interval + 1e-3)
+    first = np.diff(passed, prepend=-1.0) > 0
+    return np.flatnonzero(first | (np.arange(len(time)) == len(time) - 1))
 
 
 def navigation_rows(

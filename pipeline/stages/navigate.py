@@ -51,6 +51,7 @@ METRICS: tuple[str, ...] = (
     "outage_count",
     "outage_time",
     "refused_count",
+    "refused_share",
     "spectral_radius",
 )
 
@@ -111,8 +112,9 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     contradicted = contradiction(begin, start, serving.get("position"), settings)
     if contradicted:
         findings.append(about.of_start(contradicted, imu, origin))
-        # As an error of the audit does, it fails the recording unless the plan allows it.
         figures.append(_figure("start", "error_count", 1))
+    # As errors of the audit do, these fail the recording unless the plan allows them.
+    figures += [_figure(method, "error_count", 1) for method in failed]
     return {
         "navigation": _navigation(navigations, imu, origin, at, phase),
         "innovations": _innovations(navigations, origin),
@@ -175,7 +177,9 @@ def _metrics(
         yield _figure(aid, "outage_time", sum(one.end - one.start for one in lost[aid]), "s")
     for one in navigations:
         for aid, tried in one.innovations.items():
-            refused = int(about.gated(tried.value, tried.accepted).sum())
+            refused, accepted = int(about.gated(tried.value, tried.accepted).sum()), int(tried.accepted.sum())
             yield _figure(f"{one.method}.{aid}", "refused_count", refused)
+            if refused + accepted:
+                yield _figure(f"{one.method}.{aid}", "refused_share", refused / (refused + accepted))
     for analysis in analyses:
         yield _figure(analysis.channel.name, "spectral_radius", analysis.radius)

@@ -89,7 +89,8 @@ _STAND = {
 _GYRO_ALONE = (
     '# "coning": the attitude of a gyro on a vibration stand. "static": the noise of a gyro in a long record',
     '# at rest, or on a table that turns evenly. "rate_table": scale factor, bias and misalignment of a gyro',
-    "# on a table that steps from rate to rate, or in turns by known angles.",
+    '# on a table that steps from rate to rate, or in turns by known angles. "navigation": where a vehicle',
+    "# went; its further streams are in docs/navigation.md.",
 )
 """What is said of the procedures of a gyro without a reference."""
 

@@ -65,6 +65,7 @@ def test_held_differences_are_refused_with_their_radius(gyrostand: Command) -> N
         ("air.K", "GROUP.NAME=VALUE"),
         ("air.K=nan", "GROUP.NAME=VALUE"),
         ("satellites.T=0", "T > 0"),
+        ("attitude.T_U=1e-200", "T_U from 1e-09 to 1e+06"),
     ],
 )
 def test_a_gain_that_is_none_is_refused(gyrostand: Command, text: str, complaint: str) -> None:
@@ -72,6 +73,21 @@ def test_a_gain_that_is_none_is_refused(gyrostand: Command, text: str, complaint
     assert result.returncode == 2
     assert complaint in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_a_loop_that_overflows_is_unstable(gyrostand: Command) -> None:
+    result = gyrostand("gains", "--json", "--gain", "satellites.k_V=1e6")
+    assert result.returncode == 2
+    assert json.loads(result.stdout)[0]["spectral_radius"] is None
+    assert "found inf" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--rate", "--interval"])
+def test_a_time_without_end_is_refused(gyrostand: Command, option: str) -> None:
+    result = gyrostand("gains", option, "inf")
+    assert result.returncode == 2
+    assert "less than or equal to 1000000" in result.stderr
 
 
 def test_a_plan_of_another_procedure_is_refused(gyrostand: Command, csv_recording: Path) -> None:

@@ -108,6 +108,8 @@ def test_a_stand_rests_and_an_outage_can_be_none(gyrostand: Command, tmp_path: P
         (("--aid-rate", "position: often"), "a number"),
         (("--aid-rate", "attitude: 5"), "--aids"),
         (("--wind", "4 m/s"), "2 numbers"),
+        (("--wind", "4 -3m/s"), "leave a blank"),
+        (("--turn", "1:2:60deg"), "leave a blank"),
         (("--sensors", "3"), "one of 1, 2"),
         (("--latitude", "89.5 deg"), "latitude"),
         (("--turn", "1:2:180 deg"), "bank"),

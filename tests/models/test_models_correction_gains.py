@@ -140,6 +140,13 @@ def test_gains_that_are_not_positive_are_refused(name: str, value: float, measur
         check_channel(channel)
 
 
+@pytest.mark.parametrize("value", [1e300, float("inf"), 1e-300])
+def test_gains_out_of_all_measure_are_refused_before_they_overflow(value: float) -> None:
+    for measured in MEASURED:
+        with pytest.raises(CorrectionGainsError, match=r"K from 1e-09 to 1e\+06, found"):
+            check_channel(Channel("", replace(PRINTED.gnss, K=value), measured))
+
+
 def test_the_symbols_of_the_attitude_are_its_own() -> None:
     gains = replace(TUNED, attitude=replace(TUNED.attitude, k_omega=0.05))
     attitude = channels(gains, ("attitude",))[-1]

@@ -14,7 +14,7 @@ from pipeline.models.correction_gains import PRINTED, TUNED, CorrectionGainsErro
 from pipeline.models.correction_loops import LoopSettings, analyses, follow, navigate
 from pipeline.models.ellipsoid import metres_between
 from pipeline.models.navigation_errors import NavigationError
-from pipeline.models.navigation_problem import AidName, Navigation, Problem
+from pipeline.models.navigation_problem import AidName, Fixes, Imu, Navigation, Problem, Start
 from pipeline.models.strapdown import yaw_pitch_roll
 from pipeline.numerics.rotation import matrix_from_quaternion, wrapped
 from pipeline.simulate.navigation import NavigationRecord, simulate_navigation
@@ -244,15 +244,18 @@ def test_any_aids_do_what_they_can(aids: tuple[AidName, ...], gains) -> None:
     assert set(navigation.used) == set(aids)
     for name in aids:
         assert navigation.used[name][6000:15000].all()
+    # Gusts tilt the printed gains' level by 2.5 deg; a levelled magnetometer makes tan 71 deg times that of
+    # yaw, 7 deg, and the velocity, if nothing measures it, turns with it: 2.5 to 4 m over six seeds.
+    restless = gains is PRINTED and {"airspeed", "magnetic_field"} <= set(aids)
     # Noise of the fixes, the gains' own share, and a wandering of some metres that no velocity tells.
     if "position" in aids:
-        assert rms(found.horizontal) < 3
+        assert rms(found.horizontal) < (6 if restless else 3)
     if "velocity" in aids:
         assert rms(found.speed) < 0.5
     if "altitude" in aids:
         assert np.abs(found.position[:, 2]).max() < 8
     if "magnetic_field" in aids:
-        assert rms(found.angles[:, 0]) < 5 * DEGREE
+        assert rms(found.angles[:, 0]) < (8 if restless else 5) * DEGREE
     if {"airspeed"} < set(aids) and "position" not in aids:
         # The wind of 5 m/s is not known.
         assert rms(found.speed) < 8
@@ -382,8 +385,53 @@ def test_analyses_are_of_the_loops_that_can_be_at_work() -> None:
 def test_a_pole_is_refused() -> None:
     problem = record("diff", 2).problem()
     at_pole = replace(problem, start=replace(problem.start, latitude=np.deg2rad(89.95)), aids={})
-    with pytest.raises(NavigationError, match=r"0\.000 s after the start: expected a latitude within 89\.9"):
+    with pytest.raises(NavigationError, match=r"the start of navigation: expected a latitude within 89\.9"):
         navigate(at_pole)
+
+
+def test_a_magnetometer_needs_a_field() -> None:
+    with pytest.raises(NavigationError, match="magnetic field of the Earth"):
+        navigate(replace(record("diff", 2).problem(), earth_field=None))
+
+
+def test_an_upright_field_tells_no_yaw() -> None:
+    """The Earth's, at a magnetic pole: what of the measured one is horizontal is error."""
+    problem = record("diff", 2).problem()
+    assert problem.earth_field is not None
+    upright = replace(problem, earth_field=replace(problem.earth_field, dip=np.pi / 2))
+    navigation = navigate(only(upright, ("position", "velocity", "magnetic_field")), LoopSettings())
+    assert not navigation.used["magnetic_field"].any()
+
+
+def test_an_attitude_that_is_none_is_refused() -> None:
+    problem = record("diff", 2).problem()
+    with pytest.raises(NavigationError, match="position, velocity and attitude that are numbers"):
+        navigate(replace(problem, start=replace(problem.start, attitude=np.zeros(4))))
+
+
+def test_accelerometers_that_are_dead_tell_no_tilt() -> None:
+    """After 373 filter constants what is filtered has a length of 0 in double precision."""
+    time = np.linspace(0.0, 450.0, 45_001)
+    still = np.zeros((45_000, 3))
+    fixes = np.arange(451.0)
+    at = np.tile([0.5, 0.0, 0.0], (451, 1))
+    aids = {n: Fixes(fixes, v, np.ones(451, dtype=bool)) for n, v in (("position", at), ("velocity", 0 * at))}
+    start = Start(0.5, 0.0, 0.0, np.zeros(3), np.array([1.0, 0, 0, 0]))
+    imu = Imu(time, still, still, np.zeros(45_000, dtype=bool))
+    navigation = navigate(Problem(imu, start, aids), LoopSettings())
+    # Within the gate of 0.1 for as long as the filter takes to lose a tenth of gravity: no tilt is learnt.
+    np.testing.assert_allclose(navigation.attitude[-1], navigation.attitude[1000], atol=0.05)
+
+
+def test_aids_that_drive_no_loop_are_not_said_to_aid() -> None:
+    problem = record("diff", 2).problem()
+    by = {r: navigate(problem, LoopSettings(attitude=r)) for r in ("A", "M", "X", None)}
+    of_attitude = {r: set(n.used) & {"attitude", "magnetic_field"} for r, n in by.items()}
+    assert of_attitude == {
+        "A": {"magnetic_field"}, "M": {"magnetic_field"}, "X": {"attitude"}, None: set()
+    }  # fmt: skip
+    assert set(by["A"].innovations) == set(problem.aids) - {"attitude"}
+    assert "attitude" not in {a.channel.name for a in analyses(problem, LoopSettings(attitude=None))}
 
 
 def test_the_same_problem_gives_the_same_bytes() -> None:

@@ -148,7 +148,7 @@ def test_propagation_keeps_the_covariance_that_dense_algebra_has(n, seed):
     spread[:, n - 9 :] = sensors
     wanted = full @ W[:n].T @ W[:n] @ full.T + np.diag(diagonal**2) + spread.T @ spread
     kernel.propagate(W, n, Phi, decay, work)
-    kernel.triangularise(W, n, diagonal, kernel.put_noise(W, n, diagonal, sensors), work)
+    kernel.triangularise(W, n, n, diagonal, kernel.put_noise(W, n, diagonal, sensors), work)
     sigma = np.sqrt(np.diag(wanted))
     assert not np.tril(W[:n], -1).any()
     # n products of numbers of size one

@@ -556,6 +556,14 @@ def test_limits_stand_below_the_map(tables: dict[str, pa.Table]) -> None:
     assert below.count("<td></td>") == 1  # the first has no damping
 
 
+def test_the_noise_of_an_attitude_s_loop_has_its_own_column(tables: dict[str, pa.Table]) -> None:
+    rows = loop_rows("attitude", noise_attitude_by_attitude=(0.125, "(rad)/(rad)"))
+    tables["loops"] = from_rows("loops", rows)
+    below = section(tables, "Poles of the loops").below
+    assert "U by U</th>" in below
+    assert "title=0.125>0.125</td>" in below
+
+
 # ------------------------------------------------------------------------------------------- innovations
 
 

@@ -94,6 +94,18 @@ def test_north_and_east_of_the_velocity_exchanged(flight: dict[str, pa.Table]) -
     assert "north and east exchanged?" in row["detail"]
 
 
+def test_a_truth_in_other_axes() -> None:
+    tables = streams.tables(streams.record("diff", 60.0, flight=replace(CRUISE, duration=60.0, yaw=0.0)))
+    velocity = tables["truth_velocity"]
+    tables["truth_velocity"] = changed(
+        velocity, north=velocity["east"].to_numpy(), east=velocity["north"].to_numpy()
+    )
+    row = said(tables, "implausible position")
+    assert (row["stream"], row["severity"]) == ("truth_position", "error")
+    assert "away from the true velocity" in row["detail"]
+    assert "the velocity's north and east exchanged?" in row["detail"]
+
+
 def test_a_velocity_that_nothing_explains_is_a_warning(flight: dict[str, pa.Table]) -> None:
     north = 3 * flight["gnss_velocity"]["north"].to_numpy()
     flight["gnss_velocity"] = changed(flight["gnss_velocity"], north=north)
@@ -147,7 +159,7 @@ def test_axes_that_look_up(flight: dict[str, pa.Table]) -> None:
     force = flight["accelerometer"]
     flight["accelerometer"] = changed(force, **{a: -force[a].to_numpy() for a in "yz"})
     row = said(flight, "implausible axes")
-    assert row["severity"] == "warning"
+    assert row["severity"] == "error"
     assert "forward, left, up" in row["detail"]
 
 
@@ -157,6 +169,7 @@ def test_axes_that_look_up(flight: dict[str, pa.Table]) -> None:
         (1e4, "error", "gauss where tesla are stated?"),
         (1e6, "error", "microtesla where tesla are stated?"),
         (1e3, "error", "nanotesla where microtesla are stated?"),
+        (1e-3, "error", "microtesla where nanotesla are stated?"),
         (1e-2, "error", "gauss where microtesla are stated?"),
         (10.0, "error", "milligauss where microtesla are stated?"),
         (200.0, "error", "wrong unit?"),
@@ -172,6 +185,19 @@ def test_the_unit_of_the_magnetic_field(
     assert row["stream"] == "magnetometer"
     assert row["severity"] == severity
     assert words in row["detail"]
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_the_unit_of_the_pressure(flight: dict[str, pa.Table], beside: bool) -> None:
+    table = flight["barometer"]
+    wrong = np.full(table.num_rows, 30782.8)  # 1000 hPa stated as Pa
+    flight["barometer"] = changed(table, altitude=wrong)
+    if not beside:
+        del flight["gnss_position"]
+    row = said(flight, "implausible unit")
+    assert (row["stream"], row["severity"]) == ("barometer", "error")
+    assert row["detail"].startswith("the median altitude by pressure is 30782.8 m")
+    assert ("the height by satellites" in row["detail"]) is beside
 
 
 def test_no_common_time(flight: dict[str, pa.Table]) -> None:

@@ -286,7 +286,7 @@ class TestAids:
         assert by_method(out, "filter")["used_velocity"].any()
         assert away(by_method(out, "filter"), flight).max() < 30.0  # velocity and the start remain
 
-    @pytest.mark.parametrize("reason", ["fix", "frozen", "pole"])
+    @pytest.mark.parametrize("reason", ["fix", "frozen", "pole", "nowhere"])
     def test_what_the_data_say_is_no_measurement(self, flight: NavigationRecord, reason: str) -> None:
         tables = streams.tables(flight)
         position = tables["gnss_position"]
@@ -299,15 +299,32 @@ class TestAids:
             for values in held.values():
                 values[4:24] = values[4]
             position = changed(position, **held)
+        elif reason == "nowhere":  # what many receivers write until they have a fix
+            longitude = position["longitude"].to_numpy().copy()
+            latitude[:20], longitude[:20] = 0.0, 0.0
+            position = changed(position, latitude=latitude, longitude=longitude)
         else:
             latitude[:20] = 2.0
             position = changed(position, latitude=latitude)
         out = navigated(tables | {"gnss_position": position})
         (row,) = findings(out, "not usable")
-        words = {"fix": "kind of fix is below 0", "frozen": "bit for bit", "pole": "beyond a pole"}
+        words = {
+            "fix": "kind of fix is below 0",
+            "frozen": "bit for bit",
+            "pole": "beyond a pole",
+            "nowhere": "of latitude and longitude 0",
+        }
         assert words[reason] in row["detail"]
         assert row["count"] == (19 if reason == "frozen" else 20)
         assert away(by_method(out, "filter"), flight).max() < 30.0
+
+    def test_a_magnetometer_that_is_dead(self, flight: NavigationRecord) -> None:
+        tables = streams.tables(flight)
+        dead = {a: np.zeros(tables["magnetometer"].num_rows) for a in "xyz"}
+        out = navigated(tables | {"magnetometer": changed(tables["magnetometer"], **dead)})
+        (row,) = findings(out, "not usable")
+        assert "of no field at all" in row["detail"]
+        assert len(findings(out, "never valid")) == 1
 
     def test_measurements_that_cannot_be_are_refused(self, flight: NavigationRecord) -> None:
         tables = streams.tables(flight)
@@ -317,7 +334,20 @@ class TestAids:
         said = {row["detail"].split(":")[0]: row for row in findings(out, "refused")}
         assert set(said) == {"loops", "filter"}
         assert figures(out)["filter.position", "refused_count"] == 1
+        assert figures(out)["filter.position", "refused_share"] == 1 / 51  # one a second, ten seconds without
+        assert "so many" not in said["filter"]["detail"]
         assert away(by_method(out, "loops"), flight)[:300].max() < 5.0
+
+    def test_an_aid_that_is_mostly_refused_is_doubted(self, flight: NavigationRecord) -> None:
+        """A magnetometer turned by half a turn about the vertical."""
+        tables = streams.tables(flight)
+        field = tables["magnetometer"]
+        turned = changed(field, x=-field["x"].to_numpy(), y=-field["y"].to_numpy())
+        out = navigated(tables | {"magnetometer": turned}, methods=("filter",), filter={"reseat_after": 0})
+        (row,) = findings(out, "refused")
+        assert row["severity"] == "warning"
+        assert "so many: are its unit, axes, clock" in row["detail"]
+        assert figures(out)["filter.magnetic_field", "refused_share"] > 0.5
 
     def test_an_aid_that_says_nothing_has_no_innovations(self) -> None:
         """On a stand at rest air speed has no direction, so that the filter looks at none of it."""
@@ -328,6 +358,7 @@ class TestAids:
         assert ("filter", "airspeed") not in tried
         assert ("filter", "position") in tried
         assert figures(out)["filter.airspeed", "refused_count"] == 0
+        assert ("filter.airspeed", "refused_share") not in figures(out)
 
     @pytest.mark.parametrize("exchanged", [True, False])
     def test_positions_far_from_the_start_are_an_error(
@@ -614,6 +645,8 @@ class TestInstants:
         assert at[-1] == 1003
         assert chosen(time, 1e-3).tolist() == list(range(1004))
         assert chosen(time, 1e6).tolist() == [0, 1003]
+        # A grid far finer than the samples takes no room.
+        assert chosen(time, 1e-12).tolist() == list(range(1004))
 
 
 def test_the_same_tables_twice(flight: NavigationRecord) -> None:
