@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 from pipeline import storage
 from pipeline.errors import ExitCode
-from pipeline.stages._calibration_file import CalibrationError, text_of
+from pipeline.stages._calibration_file import CalibrationError, model_rows, text_of
 
 
-def exported(out: Path, recording: str | None = None) -> str:
-    """The text of the calibration file of one finished recording.
+class Exported(NamedTuple):
+    """The text of a calibration file, and the parameters in it that are only *combined*."""
+
+    text: str
+    weak: tuple[str, ...]
+
+
+def exported(out: Path, recording: str | None = None) -> Exported:
+    """The calibration file of one finished recording.
+
+    What is weakly determined has a standard error, by which it may be judged: it is exported, and named. What
+    is not determined has none, and is refused; so is a sensitivity that is not known to a tenth.
 
     Parameters
     ----------
@@ -25,9 +36,9 @@ def exported(out: Path, recording: str | None = None) -> str:
     pipeline.storage.StorageError
         If the recording or its tables are not there, or a table is damaged.
     CalibrationError
-        If there are several and none is named (exit code 2), the calibration does not tell all that
-        correcting a record needs (1), or it is not of the gyro's own outputs, because they were turned or
-        corrected before (2).
+        If there are several and none is named (exit code 2), a parameter that correcting a record needs has
+        no figure or a sensitivity is too uncertain (1), or it is not of the gyro's own outputs, because they
+        were turned or corrected before (2).
     """
     name = _the_calibrated(out) if recording is None else recording
     parameters = storage.read(out, name, "calibration")
@@ -36,7 +47,9 @@ def exported(out: Path, recording: str | None = None) -> str:
     _require_own_outputs(name, first["settings"])
     versions = json.loads(first["versions"])
     said = {key: first[key] for key in ("recording_name", "recording_sha256", "plan_sha256")}
-    return text_of(name, parameters, covariance, said | {"made_with": f"gyrostand {versions['gyrostand']}"})
+    said["made_with"] = f"gyrostand {versions['gyrostand']}"
+    weak = tuple(row["parameter"] for row in model_rows(parameters) if row["state"] != "determined")
+    return Exported(text_of(name, parameters, covariance, said), weak)
 
 
 def _the_calibrated(out: Path) -> str:

@@ -215,7 +215,11 @@ def calibration_export(
     """Print the calibration of a recording as a file, which a test plan's gyro can name."""
     from pipeline.calibration_export import exported
 
-    typer.echo(exported(out, recording), nl=False)
+    text, weak = exported(out, recording)
+    typer.echo(text, nl=False)
+    if weak:
+        names = ", ".join(weak)
+        typer.echo(f"gyrostand: warning: determined weakly or in combination only: {names}", err=True)
 
 
 @schema_app.command("list")

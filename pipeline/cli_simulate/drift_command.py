@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli_simulate.options import (
+    AngleUnit,
     BackwardStamp,
     Gap,
     LogDelay,
@@ -24,7 +25,7 @@ from pipeline.cli_simulate.options import (
     numbers,
     pair,
     quantity,
-    span,
+    timing_errors,
     triple,
 )
 
@@ -39,13 +40,6 @@ class Scheme(StrEnum):
     EQUATORIAL = "equatorial"
     HORIZONTAL = "horizontal"
     VERTICAL = "vertical"
-
-
-class AngleUnit(StrEnum):
-    """Unit of the recorded angles."""
-
-    RAD = "rad"
-    DEG = "deg"
 
 
 _RUN_KEYS: Mapping[str, str] = MappingProxyType(
@@ -125,7 +119,7 @@ def drift(
     """Simulate a non-contact gyro in a gimbal; write the recording, its test plan (.toml) and its truth."""
     from pipeline.simulate.drift import simulate_drift
     from pipeline.simulate.drift_settings import DriftSettings, Encoder
-    from pipeline.simulate.imperfections import EncoderErrors, TimingErrors
+    from pipeline.simulate.imperfections import EncoderErrors
 
     of_all_runs = {
         "name": "",
@@ -155,15 +149,15 @@ def drift(
             outlier_share=outlier_share,
             outlier_size=quantity("--outlier-size", outlier_size, "angle"),
         ),
-        timing=TimingErrors(
-            sample_jitter=sample_jitter,
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
+            sample_jitter=sample_jitter,
         ),
     )
     for written in simulate_drift(settings, seed).write(path):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.errors import ExitCode, GyrostandError
+
+if TYPE_CHECKING:
+    from pipeline.simulate.imperfections import TimingErrors
 
 RecordingPath = Annotated[
     Path,
@@ -25,6 +30,27 @@ RepeatedSample = Annotated[list[float] | None, typer.Option(help="A sample recor
 LogDelay = Annotated[float, typer.Option(help="Of the recorder's clock behind the stamps, s.")]
 LogJitter = Annotated[float, typer.Option(help="1 sigma of the recorder's delay, s.")]
 Seed = Annotated[int, typer.Option(min=0, help="Of all that is random.")]
+
+
+class Output(StrEnum):
+    """What the gyro gives."""
+
+    ANGULAR_RATE = "angular_rate"
+    ANGLE_INCREMENT = "angle_increment"
+
+
+class Table(StrEnum):
+    """What is recorded of a table."""
+
+    TABLE_ANGLE = "table_angle"
+    TABLE_RATE = "table_rate"
+
+
+class AngleUnit(StrEnum):
+    """Unit of recorded angles and of those in rates."""
+
+    RAD = "rad"
+    DEG = "deg"
 
 
 class OptionError(GyrostandError):
@@ -102,3 +128,31 @@ def span(option: str, text: str) -> tuple[float, float]:
         raise OptionError(
             option, expected="START:LENGTH in seconds", found=repr(text), remedy="for example 0.5:0.02"
         ) from None
+
+
+def timing_errors(
+    gap: Sequence[str] | None,
+    nan_burst: Sequence[str] | None,
+    backward_stamp: Sequence[float] | None,
+    repeated_sample: Sequence[float] | None,
+    log_delay: float,
+    log_jitter: float,
+    *,
+    stamp_noise: float,
+    sample_jitter: float = 0.0,
+    clock_offset: float = 0.0,
+) -> TimingErrors:
+    """What is wrong with stamps and transport, from the options that every simulator has."""
+    from pipeline.simulate.imperfections import TimingErrors
+
+    return TimingErrors(
+        sample_jitter=sample_jitter,
+        stamp_noise=stamp_noise,
+        clock_offset=clock_offset,
+        gaps=[span("--gap", text) for text in gap or ()],
+        nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
+        backward_stamps=backward_stamp or (),
+        repeated_samples=repeated_sample or (),
+        log_delay=log_delay,
+        log_jitter=log_jitter,
+    )

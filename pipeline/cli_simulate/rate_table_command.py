@@ -22,6 +22,7 @@ from pipeline.cli_simulate.axis_options import (
     of_axis,
 )
 from pipeline.cli_simulate.options import (
+    AngleUnit,
     BackwardStamp,
     Gap,
     LogDelay,
@@ -32,10 +33,11 @@ from pipeline.cli_simulate.options import (
     RepeatedSample,
     Seed,
     StampNoise,
+    Table,
     numbers,
     pair,
     quantity,
-    span,
+    timing_errors,
 )
 
 if TYPE_CHECKING:
@@ -50,20 +52,6 @@ class Method(StrEnum):
     RATES = "rates"
     TURNS = "turns"
     POSITIONS = "positions"
-
-
-class Table(StrEnum):
-    """What is recorded of the table."""
-
-    TABLE_ANGLE = "table_angle"
-    TABLE_RATE = "table_rate"
-
-
-class AngleUnit(StrEnum):
-    """Unit of recorded angles and of those in rates."""
-
-    RAD = "rad"
-    DEG = "deg"
 
 
 _DEGREE = math.pi / 180
@@ -172,7 +160,6 @@ def rate_table(
     non-linearity and noise 1 all are summed.
     """
     from pipeline.simulate.drift_settings import Encoder
-    from pipeline.simulate.imperfections import TimingErrors
     from pipeline.simulate.rate_table import simulate_rate_table
     from pipeline.simulate.rate_table_settings import Hand, Profile, RateTableSettings, TableSensor
 
@@ -220,15 +207,15 @@ def rate_table(
         ),
         temperature=_thermometer(temperature, temperature_rate, temperature_noise),
         reference_temperature=_kelvin("--reference-temperature", reference_temperature),
-        timing=TimingErrors(
-            clock_offset=clock_offset,
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
+            clock_offset=clock_offset,
         ),
     )
     written = simulate_rate_table(settings, seed).write(path, angle_unit=unit.value, apart=apart)

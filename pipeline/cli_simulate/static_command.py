@@ -6,7 +6,6 @@ An option about the errors of an axis holds for all axes, or, begun by ``p:``, `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -27,31 +26,19 @@ from pipeline.cli_simulate.options import (
     LogJitter,
     NanBurst,
     OptionError,
+    Output,
     RecordingPath,
     RepeatedSample,
     Seed,
     StampNoise,
+    Table,
     quantity,
-    span,
+    timing_errors,
 )
 
 if TYPE_CHECKING:
     from pipeline.models.random_error import Term
     from pipeline.simulate.static_settings import Axis, AxisErrors, Disturbance
-
-
-class Output(StrEnum):
-    """What the gyro gives."""
-
-    ANGULAR_RATE = "angular_rate"
-    ANGLE_INCREMENT = "angle_increment"
-
-
-class Table(StrEnum):
-    """What is recorded of the platform."""
-
-    TABLE_ANGLE = "table_angle"
-    TABLE_RATE = "table_rate"
 
 
 def static(
@@ -120,7 +107,6 @@ def static(
     An error's option holds for all axes, or for one: 'q: 0.02 deg/sqrt(h)'. The last that fits stands; of
     noise 1, 2 and 3 all are summed.
     """
-    from pipeline.simulate.imperfections import TimingErrors
     from pipeline.simulate.static import simulate_static
     from pipeline.simulate.static_settings import StaticSettings, Turning
 
@@ -148,14 +134,14 @@ def static(
             *(_disturbance("--motion", text, returns=False) for text in motion or ()),
             *(_disturbance("--tap", text, returns=True) for text in tap or ()),
         ],
-        timing=TimingErrors(
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
         ),
     )
     for written in simulate_static(settings, seed).write(path):

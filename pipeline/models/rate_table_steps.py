@@ -226,8 +226,9 @@ def measure_steps(
     """Means of the gyro over the table's constant stretches, with their standard errors.
 
     The noise is that of the gyro less what the table's own motion within a stretch explains, so that a ripple
-    of the rate, which both see, is none, and the noise of the table's sensor is; and less what goes round
-    with the table.
+    of the rate, which both see, is none, and the noise of the table's sensor is; less what goes round with
+    the table; and less a drift of bias and scale factor that goes straight with the temperature, or with time
+    where there is none: the mean of it is that at the mean temperature.
 
     Parameters
     ----------
@@ -272,7 +273,7 @@ def measure_steps(
         rate,
         turn,
         mean,
-        _errors(places, time, gyro, angles, rate, mean, absolute=motion.absolute),
+        _errors(places, time, gyro, angles, rate, mean, temperature, absolute=motion.absolute),
         None if temperature is None else np.array([temperature[place].mean() for place in places]),
     )
 
@@ -311,6 +312,7 @@ def _errors(
     angles: Sequence[Float],
     rate: Float,
     mean: Float,
+    temperature: Float | None,
     *,
     absolute: bool,
 ) -> Float:
@@ -322,29 +324,48 @@ def _errors(
         np.gradient(angle, time[place]) - constant
         for place, angle, constant in zip(places, angles, rate, strict=True)
     ]
-    alone = _without_turning([gyro[place] for place in places], angles)
+    alone = [gyro[place] for place in places]
     beside = [g - np.outer(ripple, gain) for g, ripple in zip(alone, ripples, strict=True)]
+    turning = [_going_round(angle) for angle in angles]
+    drifts = [
+        _drifting(time[place], None if temperature is None else temperature[place], constant)
+        for place, constant in zip(places, rate, strict=True)
+    ]
     if not absolute:
-        return standard_errors(beside)
+        return standard_errors(_less(beside, turning, drifts))
     # The noise of an encoder, differentiated, looks large, and has no share in the mean rate.
-    both = standard_errors([np.concatenate(pair, axis=1) for pair in zip(alone, beside, strict=True)])
+    pairs = (_less(one, turning, drifts) for one in (alone, beside))
+    both = standard_errors([np.concatenate(pair, axis=1) for pair in zip(*pairs, strict=True)])
     without, with_ripple = np.split(both, 2, axis=1)
     return np.where(without.sum(axis=0) < with_ripple.sum(axis=0), without, with_ripple)
 
 
-def _without_turning(stretches: Sequence[Float], angles: Sequence[Float]) -> list[Float]:
-    """The stretches less one sine of the table's angle, the same in all that make half a turn or more.
+def _going_round(angle: Float) -> Float:
+    """Cosine and sine of the table's angle in a stretch of half a turn or more, else zeros, shape (n, 2).
 
     The horizontal Earth rate, or gravity on a tilted axis, is no noise, though it would pass for a slow one.
     """
-    turning = [k for k, angle in enumerate(angles) if abs(angle[-1] - angle[0]) > np.pi]
-    found = list(stretches)
-    if not turning:
-        return found
-    waves = [np.stack([np.cos(angles[k]), np.sin(angles[k])], axis=1) for k in turning]
-    waves = [wave - wave.mean(axis=0) for wave in waves]
-    levels = [stretches[k] - stretches[k].mean(axis=0) for k in turning]
-    amplitude = np.linalg.lstsq(np.concatenate(waves), np.concatenate(levels), rcond=None)[0]
-    for k, wave in zip(turning, waves, strict=True):
-        found[k] = stretches[k] - wave @ amplitude
-    return found
+    if abs(angle[-1] - angle[0]) <= np.pi:
+        return np.zeros((len(angle), 2))
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _drifting(time: Float, temperature: Float | None, rate: float) -> Float:
+    """Straight drift in a stretch, by itself and times the rate, shape (n, 2)."""
+    late = time - time.mean()
+    power = float(late @ late)
+    # The thermometer's own noise about its line is no drift of the gyro.
+    slope = 1.0 if temperature is None or not power else float(late @ temperature) / power
+    return np.outer(slope * late, [1.0, rate])
+
+
+def _less(stretches: Sequence[Float], *explaining: Sequence[Float]) -> list[Float]:
+    """The stretches less what columns of mean zero explain of them, by coefficients that all share."""
+    columns = [np.concatenate(parts, axis=1) for parts in zip(*explaining, strict=True)]
+    columns = [part - part.mean(axis=0) for part in columns]
+    levels = [stretch - stretch.mean(axis=0) for stretch in stretches]
+    whole = np.concatenate(columns)
+    size = np.linalg.norm(whole, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    shared = np.linalg.lstsq(whole / size, np.concatenate(levels), rcond=None)[0] / size[:, np.newaxis]
+    return [stretch - part @ shared for stretch, part in zip(stretches, columns, strict=True)]

@@ -1,9 +1,9 @@
 """The file of a calibration: what ``gyrostand calibration export`` writes and a test plan's gyro names.
 
-It is JSON, one parameter a line, so that versions of it can be compared: each model of `models.rate_table`
-(a gyro) or `models.rate_table_triad` (a case of three) with its parameters, their standard errors and
-correlations, and from which recording it came. The outputs that it corrects are rates in rad/s by unit and
-scale of a test plan, before its rotation.
+It is JSON, one parameter a line, so that versions of it can be compared: each model of
+`models.rate_table_model` (a gyro) or `models.rate_table_triad_model` (a case of three) with its parameters,
+their standard errors and correlations, and from which recording it came. The outputs that it corrects are
+rates in rad/s by unit and scale of a test plan, before its rotation.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.errors import ExitCode, GyrostandError
-from pipeline.models.rate_table import AxisCalibration, Terms, axis_calibration
-from pipeline.models.rate_table_triad import BIAS, BIAS_TEMPERATURE, SENSITIVITY, TriadCalibration
+from pipeline.models.rate_table_model import AxisCalibration, Terms, axis_calibration
+from pipeline.models.rate_table_triad_model import SENSITIVITY, TriadCalibration, triad_names, triad_terms
 from pipeline.stages.base import Settings as _Settings
 
 Float = NDArray[np.float64]
@@ -38,6 +38,10 @@ _LARGEST = 2**20
 """Bytes of a file: a triad takes some 4 kB."""
 _ROUNDING = 1e-9
 """Eigenvalue below zero of a matrix of correlations that is still none but rounding."""
+_INVERTIBLE = 0.1
+"""Of the scale factor: the standard error of a sensitivity up to which that of a rate is of first order in
+it; the second is a hundredth then."""
+_SENSITIVITIES = frozenset({*SENSITIVITY, "scale_factor"})
 _UNITS: Mapping[str, str] = MappingProxyType(
     {
         "bias": "rad/s",
@@ -72,14 +76,14 @@ class _Model(_Settings):
     channels: Channels
     method: Literal["rates", "turns", "positions", "joined"]
     reference_temperature: float | None = Field(ge=0)
-    largest_rate: float = Field(ge=0)
+    largest_rate: float = Field(gt=0)
     parameters: tuple[_Parameter, ...]
     correlation: tuple[tuple[float, ...], ...]
 
     @model_validator(mode="after")
     def _is_a_model(self) -> Self:
         names = tuple(parameter.name for parameter in self.parameters)
-        if not _known(self.channels, names):
+        if _terms(self.channels, names) is None:
             raise ValueError(f"the parameters of a model, in order; found {', '.join(names) or 'none'}")
         if self.reference_temperature is None and any("temperature" in name for name in names):
             raise ValueError("a reference_temperature beside terms of temperature; found null")
@@ -88,6 +92,10 @@ class _Model(_Settings):
         R = self.correlations
         if not np.array_equal(np.diag(R), np.ones(len(names))) or np.linalg.eigvalsh(R)[0] < -_ROUNDING:
             raise ValueError("correlations, 1 on the diagonal and positive definite; found others")
+        told = [parameter.value for parameter in self.parameters if parameter.name in _SENSITIVITIES]
+        S = np.array(told).reshape((3, 3) if self.channels == _TRIAD else (1, 1))
+        if np.linalg.matrix_rank(S) < len(S):
+            raise ValueError("sensitivities that can be inverted; found a singular matrix")
         return self
 
     @property
@@ -103,11 +111,11 @@ class _Model(_Settings):
         error = np.array([parameter.standard_error for parameter in self.parameters])
         covariance = error[:, np.newaxis] * self.correlations * error
         T0 = float("nan") if self.reference_temperature is None else self.reference_temperature
-        if self.channels == _TRIAD:
-            names = (SENSITIVITY + BIAS + BIAS_TEMPERATURE)[: len(value)]
-            return TriadCalibration(names, value, covariance, error, T0)
-        terms = Terms.of_names([parameter.name for parameter in self.parameters])
+        terms = _terms(self.channels, tuple(parameter.name for parameter in self.parameters))
         assert terms is not None, "checked when the model was made"
+        if self.channels == _TRIAD:
+            names = triad_names(terms)
+            return TriadCalibration(terms, names, value, covariance, error, T0, self.largest_rate)
         return axis_calibration(
             terms, value, covariance, reference_temperature=T0, largest_rate=self.largest_rate
         )
@@ -218,6 +226,13 @@ def _checked(content: bytes, where: str) -> Calibration:
     )
 
 
+def model_rows(parameters: pa.Table) -> list[dict[str, Any]]:
+    """The rows of ``calibration`` that correct a record: the triad's where there is one, else each gyro's."""
+    kept = [row for row in parameters.to_pylist() if row["role"] == "model"]
+    triad = [row for row in kept if not row["gyro"]]
+    return triad or kept
+
+
 def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenance: Mapping[str, str]) -> str:
     """The file's text, from the tables of a calibrated recording.
 
@@ -233,24 +248,16 @@ def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenan
     Raises
     ------
     CalibrationError
-        If it does not tell all that correcting a record needs (exit code 1).
+        If a parameter that correcting a record needs has no figure, or a sensitivity is too uncertain (exit
+        code 1).
     """
-    kept = [row for row in parameters.to_pylist() if row["role"] == "model"]
-    gyros = list(dict.fromkeys(row["gyro"] for row in kept))
-    chosen = [""] if "" in gyros else gyros
     where = f"recording {recording!r}"
-    for row in kept:
-        if row["gyro"] in chosen and (row["state"] != "determined" or row["standard_error"] is None):
-            raise CalibrationError(
-                where,
-                expected="a calibration that tells all that correcting a record needs",
-                found=f"{row['parameter']} of {row['gyro'] or 'the triad'}, which is {row['state']}",
-                remedy="calibrate with rotation about all axes that the gyro has",
-                exit_code=ExitCode.NOT_MET,
-            )
+    kept = model_rows(parameters)
+    _require_told(kept, where)
     products = {(row["gyro"], row["row"], row["column"]): row["value"] for row in covariance.to_pylist()}
     models = [
-        _lines_of_model(gyro, [row for row in kept if row["gyro"] == gyro], products) for gyro in chosen
+        _lines_of_model(gyro, [row for row in kept if row["gyro"] == gyro], products)
+        for gyro in dict.fromkeys(row["gyro"] for row in kept)
     ]
     head = {
         "format": FORMAT,
@@ -263,6 +270,27 @@ def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenan
     text = "\n".join(["{", *lines, '  "models": [', ",\n".join(models), "  ]", "}"]) + "\n"
     _checked(text.encode(), where)
     return text
+
+
+def _require_told(kept: Sequence[Mapping[str, Any]], where: str) -> None:
+    """Refuse what has no figure, and sensitivities too uncertain for the inverse of the model."""
+    sizes = [abs(row["value"] or 0.0) for row in kept if row["parameter"] in _SENSITIVITIES]
+    for row in kept:
+        name, error = f"{row['parameter']} of {row['gyro'] or 'the triad'}", row["standard_error"]
+        if error is None:
+            expected, found = "a figure of all that correcting a record needs", f"none of {name}"
+        elif row["parameter"] in _SENSITIVITIES and error > _INVERTIBLE * max(sizes):
+            expected = f"sensitivities that are known to {_INVERTIBLE:.0%} of the scale factor"
+            found = f"{name} with a standard error of {error:.2g}"
+        else:
+            continue
+        raise CalibrationError(
+            where,
+            expected=expected,
+            found=found,
+            remedy="calibrate with rotation about all axes that the gyro has",
+            exit_code=ExitCode.NOT_MET,
+        )
 
 
 def _lines_of_model(
@@ -304,12 +332,9 @@ def _correlation(product: float, one: float, other: float) -> float:
     return product / (one * other) if one and other else 0.0
 
 
-def _known(channels: Channels, names: tuple[str, ...]) -> bool:
-    """Whether a model of these channels has these parameters."""
-    if channels != _TRIAD:
-        return Terms.of_names(names) is not None
-    plain = (*SENSITIVITY, *(f"bias_{c}" for c in "pqr"))
-    return names in (plain, (*plain, *(f"bias_temperature_sensitivity_{c}" for c in "pqr")))
+def _terms(channels: Channels, names: tuple[str, ...]) -> Terms | None:
+    """The terms of the model of these channels that has these parameters, in order; None: there is none."""
+    return triad_terms(names, channels.split()) if channels == _TRIAD else Terms.of_names(names)
 
 
 def _without_channel(name: str) -> str:

@@ -38,10 +38,12 @@ def about_plan(settings: Settings, stand: Stand, *, triad: bool) -> Rows:
     if "turns" in settings.methods:
         text = f"up to {DEGREES_PER_HOUR:.2f} deg/h of it is left in the turns and rests"
         yield _said("Earth's rate", text)
-    left = [name for name in settings.terms.names[2:] if name != "bias_temperature_sensitivity"]
-    if triad and left and "rates" in settings.methods:
-        text = f"the triad is without {', '.join(left)}: the calibration of each gyro by its own axis has it"
-        yield _said("terms", text)
+    left = [name for name in settings.terms.names if name not in settings.triad_terms.names]
+    if "rates" not in settings.methods and "scale_factor_asymmetry" in left:
+        left.remove("scale_factor_asymmetry")  # which nobody has to ask for
+    if triad and left:
+        methods = " and ".join(method for method in settings.methods if method != "rates")
+        yield _said("terms", f"the triad is without {', '.join(left)}, which {methods} do not tell")
 
 
 def about_single_axis(fit: SingleAxis, channel: str, stretches: Stretches) -> Rows:

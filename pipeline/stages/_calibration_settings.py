@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from pipeline.models.rate_table import Terms
+from pipeline.models.rate_table_model import Terms
 from pipeline.plan_faults import Fault, refuse
 from pipeline.stages._runs import CaseAxis, Run
 from pipeline.stages.base import Settings as _Settings
@@ -85,7 +86,7 @@ class Settings(_Settings):
     )
     bias_temperature: bool = Field(False, description="whether the bias depends on the temperature")
     scale_factor_temperature: bool = Field(
-        False, description="whether the scale factor of a single axis depends on the temperature"
+        False, description="whether the scale factor depends on the temperature"
     )
     reference_temperature: float | None = Field(
         None, gt=0, description="temperature at which bias and scale factor hold, K; None: the mean"
@@ -138,8 +139,20 @@ class Settings(_Settings):
 
     @property
     def terms(self) -> Terms:
-        """Of a single axis."""
+        """Of a gyro by the rates of a table."""
         return Terms(self.asymmetry, self.nonlinearity, self.bias_temperature, self.scale_factor_temperature)
+
+    @property
+    def triad_terms(self) -> Terms:
+        """Of each gyro of a triad: those that what it is calibrated by can tell.
+
+        The Earth's rate, and turns by hand, are too small or too rough for the scale factor to depend on
+        anything; of a turn only the mean of the rate is known, none of its powers.
+        """
+        if "rates" not in self.methods:
+            return Terms(bias_temperature=self.bias_temperature)
+        orders = () if "turns" in self.methods else self.nonlinearity
+        return replace(self.terms, nonlinearity=orders)
 
     @property
     def stretches(self) -> Iterator[tuple[str, int, Stretch]]:

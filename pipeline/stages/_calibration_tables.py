@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.models.rate_table import SingleAxis
 from pipeline.models.rate_table_observations import Observations
-from pipeline.models.rate_table_triad import Decomposition, Triad
+from pipeline.models.rate_table_triad import Triad
+from pipeline.models.rate_table_triad_model import Decomposition
 from pipeline.stages._calibration_observations import Stretches
 from pipeline.stages._rate_table_record import AXES
 
@@ -21,12 +22,12 @@ Rows = Iterator[dict[str, Any]]
 Role = Literal["model", "derived"]
 
 _PPM = 1e6
-_SINGLE_UNITS = {
+_UNITS = {
     "bias": "rad/s",
     "bias_temperature_sensitivity": "rad/s/K",
     "scale_factor_temperature_sensitivity": "1/K",
 }
-"""Of what is not a pure number."""
+"""Of what is not a pure number, by its name without the axis."""
 
 
 def lettered(name: str) -> str:
@@ -41,8 +42,7 @@ def single_axis_rows(fit: SingleAxis, channel: str, role: Role) -> Rows:
     """Rows of ``calibration`` of one gyro by its own axis."""
     fixed = _fixed("rates", channel, fit.reference_temperature, fit.largest_rate)
     for name, value, error in zip(fit.names, fit.value, fit.standard_errors, strict=True):
-        unit = _SINGLE_UNITS.get(name, "1")
-        yield {**fixed, **_row(name, value, error, unit, "determined"), "role": role}
+        yield {**fixed, **_row(name, value, error, _unit_of(name), "determined"), "role": role}
     deviation = float(np.abs(fit.deviation).max() / fit.full_scale)
     for name, value, unit in (("linearity_error", deviation, "1"), ("step_scatter", fit.scatter, "rad/s")):
         yield {**fixed, **_row(name, value, None, unit, "determined"), "role": "derived"}
@@ -56,12 +56,12 @@ def cross_axis_row(fit: SingleAxis, channel: str, along: str) -> dict[str, Any]:
     return {**fixed, **_row(name, value, error, "1", "determined"), "role": "derived"}
 
 
-def triad_rows(fit: Triad, method: str, largest: float) -> Rows:
+def triad_rows(fit: Triad, method: str) -> Rows:
     """Rows of ``calibration`` of three gyros together."""
-    fixed = _fixed(method, "", fit.reference_temperature, largest)
+    fixed = _fixed(method, "", fit.reference_temperature, fit.largest_rate)
     states = dict(zip(fit.observability.names, fit.observability.states, strict=True))
     for name, value, error in zip(fit.names, fit.value, fit.standard_error, strict=True):
-        unit = "1" if name.startswith("S") else "rad/s/K" if "temperature" in name else "rad/s"
+        unit = _unit_of(lettered(name))
         state = states[name] if np.isfinite(error) or states[name] != "determined" else "undetermined"
         yield {**fixed, **_row(lettered(name), value, error, unit, state), "role": "model"}
     told = decomposed(fit)
@@ -118,7 +118,7 @@ def single_axis_residuals(fit: SingleAxis, channel: str, output: Float, stretche
 
 def triad_residuals(fit: Triad, observed: Observations, stretches: Stretches) -> Rows:
     """Rows of ``calibration_residuals`` of three gyros."""
-    scale = np.abs(decomposed(fit).value[:3]) * np.linalg.norm(observed.rate, axis=1).max()
+    scale = np.abs(decomposed(fit).value[:3]) * fit.largest_rate
     for k in range(len(stretches)):
         for i, channel in enumerate(AXES):
             yield {
@@ -166,10 +166,8 @@ def _row(name: str, value: float, error: float | None, unit: str, state: str) ->
 
 
 def _unit_of(name: str) -> str:
-    """Of a parameter of role model."""
-    if name.startswith("bias_temperature"):
-        return "rad/s/K"
-    return "rad/s" if name.startswith("bias") else _SINGLE_UNITS.get(name, "1")
+    """Of a parameter of role model, of a gyro or of the triad."""
+    return _UNITS.get(name.removesuffix(f"_{name[-1]}"), "1") if name[-1] in AXES else _UNITS.get(name, "1")
 
 
 def _product(one: str, other: str) -> str:

@@ -42,8 +42,6 @@ METRICS: tuple[str, ...] = ("time_offset", "step_count")
 Float = NDArray[np.float64]
 Rows = list[dict[str, Any]]
 
-_LONGEST = 3.0
-"""Nominal intervals; the offset is estimated where none is longer."""
 _ENDS = 3.0
 """Standard errors of the time offset that are left out at either end of a step."""
 _ROUNDING = 1e-6
@@ -222,7 +220,7 @@ def _offset(one: TableRun, motion: Motion, settings: Settings) -> _Offset:
     else:
         gyro = one.gyro.values[:, one.channels.index(along)]
         try:
-            told = _estimated(motion, one.seconds(one.gyro.time), gyro, settings.longest_offset_s)
+            told = time_offset(motion, one.seconds(one.gyro.time), gyro, longest=settings.longest_offset_s)
         except RateTableError as error:
             why = f"expected {error.expected}, found {error.found}"
         else:
@@ -233,28 +231,6 @@ def _offset(one: TableRun, motion: Motion, settings: Settings) -> _Offset:
     )
     note = finding("steps", "gyro", "time offset", "warning", text)
     return _Offset(0.0, settings.longest_offset_s, None, [note])
-
-
-def _estimated(motion: Motion, time: Float, gyro: Float, longest: float) -> TimeOffset:
-    """The offset from the longest stretch in which neither record has a gap."""
-    gaps = np.concatenate([_gaps(t, _LONGEST * float(np.median(np.diff(t)))) for t in (motion.time, time)])
-    gaps = gaps[np.argsort(gaps[:, 0])]
-    first, last = max(motion.time[0] - longest, time[0]), min(motion.time[-1] + longest, time[-1])
-    # between the end of the gaps so far and the beginning of the next
-    begins = np.maximum.accumulate(np.append(first, gaps[:, 1]))
-    ends = np.minimum(np.append(gaps[:, 0], last), last)
-    clear = int(np.argmax(ends - begins))
-    begin, end = begins[clear], ends[clear]
-    inside, kept = (motion.time >= begin) & (motion.time <= end), (time >= begin) & (time <= end)
-    if np.count_nonzero(kept) < 4 or np.count_nonzero(inside) < 2:
-        raise RateTableError(
-            "time offset",
-            expected="a stretch without gaps",
-            found="none",
-            remedy="record ramps between the steps",
-        )
-    whole = replace(motion, time=motion.time[inside], angle=motion.angle[inside])
-    return time_offset(whole, time[kept], gyro[kept], longest=longest)
 
 
 def _without_gaps(one: TableRun, motion: Motion, found: Float, settings: Settings) -> tuple[Float, Rows]:

@@ -201,6 +201,26 @@ class TestExport:
         refused = command("calibration", "export", tmp_path / "out")
         one_line(refused, ExitCode.NOT_MET, "S13 of the triad", "rotation about all axes")
 
+    def test_what_turns_by_hand_tell_weakly_is_exported_with_its_error(
+        self, command: Command, tmp_path: Path
+    ) -> None:
+        table = tmp_path / "table.mcap"
+        by_hand = ("--method", "turns", "--turns", "90 deg", "--rate", 20, "--white", "0.1 deg/sqrt(h)")
+        errors = ("--orientation-error", "1 deg", "--angle-error", "1 deg")
+        command("simulate", "rate_table", table, *by_hand, *errors)
+        ran = command("run", table, "--out", tmp_path / "out")
+        assert ran.returncode == ExitCode.PASS, ran.stderr
+        exported = command("calibration", "export", tmp_path / "out")
+        one_line(exported, ExitCode.PASS, "gyrostand: warning", "in combination only", "S12", "S32")
+        assert "bias" not in exported.stderr
+        told = {
+            one["name"]: one["standard_error"]
+            for model in json.loads(exported.stdout)["models"]
+            for one in model["parameters"]
+        }
+        # one turn about each axis, whose direction is known to a degree
+        assert told["S12"] == pytest.approx(np.radians(1), rel=0.05)
+
     @pytest.mark.parametrize(
         ("key", "value", "words"),
         [

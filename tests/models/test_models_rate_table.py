@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import rate_table_records as records
 
-from pipeline.models.rate_table import SingleAxis, Terms, fit_single_axis
+from pipeline.models.rate_table import SingleAxis, fit_single_axis
+from pipeline.models.rate_table_model import Terms
 from pipeline.models.rate_table_steps import (
     Motion,
     RateTableError,

@@ -79,6 +79,28 @@ def test_a_ripple_of_the_table_is_no_noise_of_the_gyro() -> None:
     np.testing.assert_allclose(steps.standard_error[:, 0], expected, rtol=0.12)
 
 
+@pytest.mark.parametrize("warmed", [True, False])
+def test_a_drift_with_the_temperature_or_with_time_is_no_noise_of_the_gyro(warmed: bool) -> None:
+    rng = np.random.default_rng(5)
+    time, rate, angle = records.table(records.corners(RATES, HOLD), STEP)
+    temperature = 290.0 + 0.08 * time
+    sigma = 0.01 * DEGREE
+    # 25 and 50 deg/h over a step of a noise of 0.4 deg/h in its mean
+    drift = (2e-3 * DEGREE + 5e-5 * rate) * (temperature - 290.0)
+    gyro = (rate + drift + records.white(rng, rate.shape, sigma))[:, None]
+    motion = Motion.of_angle(time, angle)
+    stretches = constant_stretches(motion, shortest=20.0, settling=1.0)
+    read = temperature + records.white(rng, time.shape, 0.05)
+    steps = measure_steps(motion, stretches, time, gyro, read if warmed else None)
+    expected = sigma / np.sqrt(steps.duration / STEP)
+    # as in the test above
+    np.testing.assert_allclose(steps.standard_error[:, 0], expected, rtol=0.12)
+    # of the mean nothing is taken
+    middle = (steps.start + steps.stop) / 2
+    told = steps.gyro[:, 0] - steps.rate - (2e-3 * DEGREE + 5e-5 * steps.rate) * 0.08 * middle
+    assert np.all(np.abs(told) < 5 * expected)
+
+
 def test_without_constant_rate_there_is_an_error() -> None:
     time = np.arange(0.0, 200.0, STEP)
     swing = Motion.of_rate(time, DEGREE * 50 * np.sin(2 * np.pi * time / 20))

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from pipeline import formats
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.formats.base import Series
-from pipeline.models.rate_table_triad import TriadCalibration
+from pipeline.models.rate_table_triad_model import TriadCalibration
 from pipeline.stages import ingest
 from pipeline.stages._calibration_file import CalibrationError, read, text_of
 from pipeline.stages.base import Stand
@@ -78,6 +78,15 @@ class TestCorrection:
         np.testing.assert_allclose(rates_of(tables), RATES, rtol=0, atol=2e-15)
         after = said(tables)["temperature missing"]
         assert (after["count"], after["start"]) == (49, WARM_STAMP[-1] + 10**7)  # held after the last one
+
+    def test_gyros_of_a_triad_have_terms_of_their_own(self, tmp_path: Path) -> None:
+        warmth = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE) - calibrations.T0
+        outputs = calibrations.bent_output(RATES, warmth)
+        tables = ingested(tmp_path, outputs, calibrations.bent_text(), warm=True)
+        # the inversion ends at rounding
+        np.testing.assert_allclose(rates_of(tables), RATES, rtol=0, atol=4e-15)
+        model = read(tmp_path / NAME).models["p q r"]
+        np.testing.assert_array_equal(model.value[12:], calibrations.OWN.ravel())
 
     def test_one_gyro_with_all_its_terms(self, tmp_path: Path) -> None:
         temperature = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE)
@@ -170,6 +179,9 @@ class TestFile:
         written = json.loads(text_of("table", whole[0], whole[1], calibrations.PROVENANCE))
         assert [model["channels"] for model in written["models"]] == ["p q r"]
 
+    def test_what_is_weakly_determined_has_a_standard_error_and_is_written(self) -> None:
+        assert calibrations.triad_text(states={"S13": "combined"}) == calibrations.triad_text()
+
     def test_gyros_each_by_itself(self, tmp_path: Path) -> None:
         pairs = [calibrations.axis_tables(gyro) for gyro in "pqr"]
         whole = [pa.concat_tables(tables) for tables in zip(*pairs, strict=True)]
@@ -196,15 +208,40 @@ def inverted(raw: Float, temperature: Float, value: Float) -> Float:
     return np.asarray((low + high) / 2, dtype=np.float64)
 
 
+def of_uncertain_s33(error: float) -> str:
+    """The file of a triad of which one sensitivity has this standard error."""
+    value = np.concatenate([calibrations.S.ravel(), calibrations.BIAS])
+    errors = np.full(len(value), 1e-6)
+    errors[calibrations.TRIAD.index("S33")] = error
+    made = calibrations.tables_of("", calibrations.TRIAD, value, np.diag(errors**2))
+    return text_of("table", *made, calibrations.PROVENANCE)
+
+
 class TestRefusal:
     def outputs(self) -> Float:
         return np.asarray(RATES @ calibrations.S.T + calibrations.BIAS, dtype=np.float64)
 
     def test_a_calibration_that_does_not_tell_all_is_not_written(self) -> None:
         states = {"S13": "combined", "bias_r": "undetermined"}
-        with pytest.raises(CalibrationError, match=r"S13 of the triad, which is combined") as refused:
+        with pytest.raises(CalibrationError, match=r"found none of bias_r of the triad;") as refused:
             calibrations.triad_text(states=states)
         assert refused.value.exit_code is ExitCode.NOT_MET
+
+    def test_a_sensitivity_that_is_not_known_to_a_tenth_is_not_written(self) -> None:
+        assert '"standard_error": 0.09' in of_uncertain_s33(0.09)
+        with pytest.raises(
+            CalibrationError, match=r"S33 of the triad with a standard error of 0.11"
+        ) as refused:
+            of_uncertain_s33(0.11)
+        assert refused.value.exit_code is ExitCode.NOT_MET
+
+    def test_sensitivities_that_cannot_be_inverted(self, tmp_path: Path) -> None:
+        text = calibrations.triad_text()
+        for k in range(9):
+            text = text.replace(f'"value": {calibrations.S.ravel()[k]}', '"value": 1.0', 1)
+        with pytest.raises(CalibrationError, match="can be inverted, found a singular matrix") as refused:
+            ingested(tmp_path, self.outputs(), text)
+        assert refused.value.exit_code is ExitCode.INPUT
 
     def test_other_channels(self, tmp_path: Path) -> None:
         with pytest.raises(CalibrationError, match=r"the channels p, q, r .*, found one of q;") as refused:
@@ -241,6 +278,8 @@ class TestRefusal:
             ("        [1.0]", "        [0.5]", ["correlations"]),
             ("        [1.0],\n", "", ["the lower triangle of 12 correlations"]),
             ('"channels": "p q r"', '"channels": "p"', ["the parameters of a model, in order"]),
+            ('"largest_rate": 2.0', '"largest_rate": 0.0', ["models.0.largest_rate", "greater than 0"]),
+            ('"value": 1.003', '"value": 1e999', ["models.0.parameters.0.value"]),
         ],
     )  # fmt: skip
     def test_a_damaged_file_gives_one_line(
