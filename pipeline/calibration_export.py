@@ -40,7 +40,7 @@ def exported(out: Path, recording: str | None = None) -> Exported:
         no figure or a sensitivity is too uncertain (1), or it is not of the gyro's own outputs, because they
         were turned or corrected before (2).
     """
-    name = _the_calibrated(out) if recording is None else recording
+    name = _the_calibrated(out, recording)
     parameters = storage.read(out, name, "calibration")
     covariance = storage.read(out, name, "calibration_covariance")
     first = storage.read(out, name, "provenance").slice(0, 1).to_pylist()[0]
@@ -52,16 +52,20 @@ def exported(out: Path, recording: str | None = None) -> Exported:
     return Exported(text_of(name, parameters, covariance, said), weak)
 
 
-def _the_calibrated(out: Path) -> str:
-    having = [name for name in storage.recordings(out) if "calibration" in storage.published(out, name)]
-    if len(having) == 1:
+def _the_calibrated(out: Path, recording: str | None) -> str:
+    """The recording that is named, or the only one that is calibrated."""
+    finished = storage.recordings(out)
+    if recording in finished:
+        return recording
+    having = [name for name in finished if "calibration" in storage.published(out, name)]
+    if recording is None and len(having) == 1:
         return having[0]
     raise CalibrationError(
         repr(str(out)),
-        expected="a recording with the table calibration",
+        expected=f"the recording {recording!r}" if recording else "a recording with the table calibration",
         found=f"{', '.join(having)}" if having else "none",
         remedy="name one with --recording" if having else "run a recording of the procedure 'rate_table'",
-        exit_code=ExitCode.USAGE if having else ExitCode.INPUT,
+        exit_code=ExitCode.INPUT if recording or not having else ExitCode.USAGE,
     )
 
 

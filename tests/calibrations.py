@@ -20,6 +20,8 @@ S = np.array([[1.003, 0.002, -0.001], [0.0015, 0.998, 0.0025], [-0.002, 0.0005, 
 BIAS = np.array([2e-4, -3e-4, 5e-4])
 WARM = np.array([1e-6, -2e-6, 3e-6])
 T0 = 293.15
+WARMTH = (-5.0, 20.0)
+"""Between which it was calibrated, about `T0` [K]."""
 TRIAD = (*(f"S{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), *(f"bias_{c}" for c in "pqr"))
 TRIAD_WARM = (*TRIAD, *(f"bias_temperature_sensitivity_{c}" for c in "pqr"))
 BENT = Terms(asymmetry=True, nonlinearity=(3,), scale_factor_temperature=True)
@@ -64,8 +66,10 @@ def tables_of(
 ) -> tuple[pa.Table, pa.Table]:
     """The tables ``calibration`` and ``calibration_covariance``, with a derived row that is for people."""
     thermal = any("temperature" in name for name in names)
-    common = {"method": "rates", "gyro": gyro, "largest_rate": LARGEST}
-    common["reference_temperature"] = T0 if thermal else None
+    common: dict[str, Any] = {"method": "rates", "gyro": gyro, "largest_rate": LARGEST}
+    low, high = WARMTH
+    temperatures = {"reference": T0, "lowest": T0 + low, "highest": T0 + high}
+    common |= {f"{key}_temperature": value if thermal else None for key, value in temperatures.items()}
     parameters: list[dict[str, Any]] = [
         {
             **common,

@@ -22,6 +22,7 @@ from pipeline.cli_simulate.options import (
     SampleJitter,
     Seed,
     StampNoise,
+    angle,
     numbers,
     pair,
     quantity,
@@ -132,7 +133,7 @@ def drift(
     }
     drifts = {"m11": m11, "m12": m12, "m21": m21, "m22": m22, "mc1": mc1, "mc2": mc2}
     settings = DriftSettings(
-        latitude=quantity("--latitude", latitude, "angle"),
+        latitude=angle("--latitude", latitude, -90, 90),
         m=_six([_drift(f"--{name}", text, 1)[0] for name, text in drifts.items()]),
         theta=pair("--theta", theta, "angle"),
         runs=tuple(_run(of_all_runs | _of_one_run(text)) for text in run or [""]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -65,6 +66,19 @@ def quantity(option: str, text: str, dimension: str) -> float:
     return value
 
 
+def angle(option: str, text: str, least: float, most: float) -> float:
+    """An angle with its unit, such as ``55.75 deg``, in radians; its range is given in degrees."""
+    value = quantity(option, text, "angle")
+    if not math.radians(least) <= value <= math.radians(most):
+        raise OptionError(
+            option,
+            expected=f"an angle from {least:g} to {most:g} deg",
+            found=repr(text),
+            remedy="choose another value",
+        )
+    return value
+
+
 def pair(option: str, text: str, dimension: str) -> tuple[float, float]:
     """Two numbers that share a unit."""
     first, second = numbers(option, text, dimension, 2)
@@ -117,6 +131,28 @@ def _floats(texts: list[str]) -> list[float]:
         return [float(text) for text in texts]
     except ValueError:
         return []
+
+
+def only_with(needed: str, given: object, **options: bool) -> None:
+    """Refuse options that were given though what they are about is not there.
+
+    Parameters
+    ----------
+    needed : str
+        The option that says it is.
+    given : object
+        Its value; None where it was not given.
+    **options : bool
+        Name of each option, with ``_`` for ``-``, and whether it was given.
+    """
+    for name, there in options.items():
+        if there and given is None:
+            raise OptionError(
+                f"--{name.replace('_', '-')}",
+                expected=f"{needed}, without which it says nothing",
+                found=f"no {needed}",
+                remedy=f"give {needed}, or leave it out",
+            )
 
 
 def span(option: str, text: str) -> tuple[float, float]:

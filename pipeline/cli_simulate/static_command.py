@@ -12,6 +12,7 @@ import typer
 
 from pipeline.cli_simulate.axis_options import (
     ANGLE_RANDOM_WALK,
+    DEFAULT_WHITE,
     RAMP,
     RATE_RANDOM_WALK,
     coefficient,
@@ -32,6 +33,8 @@ from pipeline.cli_simulate.options import (
     Seed,
     StampNoise,
     Table,
+    angle,
+    only_with,
     quantity,
     timing_errors,
 )
@@ -49,7 +52,10 @@ def static(
     output: Annotated[Output, typer.Option(help="What the gyro gives.")] = Output.ANGLE_INCREMENT,
     white: Annotated[
         list[str] | None,
-        typer.Option(help="Angle random walk N, such as '0.01 deg/sqrt(h)' or 'q: 0.02 deg/sqrt(h)'."),
+        typer.Option(
+            help="Angle random walk N, such as 'q: 0.02 deg/sqrt(h)'; 0.01 deg/sqrt(h) for "
+            "an axis without any noise."
+        ),
     ] = None,
     noise1: Annotated[
         list[str] | None,
@@ -80,11 +86,16 @@ def static(
     latitude: Annotated[
         str | None, typer.Option(help="Of the stand, with unit: the gyro measures the Earth's rotation.")
     ] = None,
-    tilt: Annotated[str, typer.Option(help="Of axis r from the vertical to the north.")] = "0 deg",
+    tilt: Annotated[
+        str | None, typer.Option(help="Of axis r from the vertical to the north; with --latitude.")
+    ] = None,
     turning: Annotated[
         str | None, typer.Option(help="Rate at which the platform turns about axis r, with unit.")
     ] = None,
-    table: Annotated[Table, typer.Option(help="What is recorded of the platform.")] = Table.TABLE_ANGLE,
+    table: Annotated[
+        Table | None,
+        typer.Option(help="What is recorded of the platform; table_angle where nothing is said."),
+    ] = None,
     wrapped: Annotated[bool, typer.Option("--wrapped", help="Its angle begins again after a turn.")] = False,
     motion: Annotated[
         list[str] | None,
@@ -110,6 +121,8 @@ def static(
     from pipeline.simulate.static import simulate_static
     from pipeline.simulate.static_settings import StaticSettings, Turning
 
+    only_with("--latitude", latitude, tilt=tilt is not None)
+    only_with("--turning", turning, table=table is not None, wrapped=wrapped)
     step = "angular rate" if output is Output.ANGULAR_RATE else "angle"
     known = known_axes(axes)
     coloured = (("--noise1", noise1), ("--noise2", noise2), ("--noise3", noise3))
@@ -123,12 +136,14 @@ def static(
         duration=3600.0 * hours,
         output=output.value,
         quantum=0.0 if quantum is None else quantity("--quantum", quantum, step),
-        latitude=None if latitude is None else quantity("--latitude", latitude, "angle"),
-        tilt=quantity("--tilt", tilt, "angle"),
+        latitude=None if latitude is None else angle("--latitude", latitude, -90, 90),
+        tilt=angle("--tilt", tilt or "0 deg", -90, 90),
         turning=None
         if turning is None
         else Turning(
-            rate=quantity("--turning", turning, "angular rate"), quantity=table.value, wrapped=wrapped
+            rate=quantity("--turning", turning, "angular rate"),
+            quantity=(table or Table.TABLE_ANGLE).value,
+            wrapped=wrapped,
         ),
         disturbances=[
             *(_disturbance("--motion", text, returns=False) for text in motion or ()),
@@ -161,7 +176,10 @@ def _errors(
     last = dict.fromkeys(sizes, "") | {
         option: text for option, texts in sizes.items() for text in of_axis(axis, known, option, texts)
     }
-    N = coefficient("--white", last["--white"], ANGLE_RANDOM_WALK)
+    noises = [last[option] for option in ("--white", "--rate-random-walk", "--quantisation")]
+    for option, texts in coloured:
+        noises += of_axis(axis, known, option, texts)
+    N = coefficient("--white", last["--white"] or ("" if any(noises) else DEFAULT_WHITE), ANGLE_RANDOM_WALK)
     K = coefficient("--rate-random-walk", last["--rate-random-walk"], RATE_RANDOM_WALK)
     terms: list[Term] = [White(N**2)] if N else []
     for option, texts in coloured:
@@ -181,8 +199,10 @@ def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:
     from pipeline.simulate.static_settings import Disturbance
 
     start, _, rest = text.partition(":")
-    length, _, angle = rest.partition(":")
+    length, _, turned = rest.partition(":")
     try:
+        if not turned.strip():
+            raise ValueError
         times = float(start), float(length)
     except ValueError:
         raise OptionError(
@@ -192,5 +212,5 @@ def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:
             remedy="for example '3600:2:10 arcsec'",
         ) from None
     return Disturbance(
-        start=times[0], length=times[1], angle=quantity(option, angle, "angle"), returns=returns
+        start=times[0], length=times[1], angle=quantity(option, turned, "angle"), returns=returns
     )

@@ -24,16 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.models.rate_table_fit import warmth
-from pipeline.models.rate_table_steps import RateTableError
 
 Float = NDArray[np.float64]
 
 _NONLINEARITY = "scale_factor_nonlinearity_"
 _ITERATIONS = 50
 _CONVERGED = 1e-14
-"""Of the largest input rate: steps of the inversion that are rounding."""
+"""Of the largest input rate and the rate: steps of the inversion that are rounding."""
 _SEEN = 1e-9
-"""Of the largest input rate: a step that has not settled to it is no rounding."""
+"""Of the same: a step that has not settled to it is no rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,11 +179,12 @@ class AxisCalibration:
             Input rate [rad/s].
         standard_error : ndarray, shape (n,)
             That the uncertainty of the calibration gives it; the gyro's own noise is not in it.
+            Both are NaN where the output is none that the model can have.
 
         Raises
         ------
         RateTableError
-            If the temperature is missing, or the output is none that the model can have.
+            If the temperature is missing.
         """
         warm = warmth(temperature, self.reference_temperature, len(raw), needed=self.terms.thermal)
         rate, columns, slope = self.inverted(raw, warm)
@@ -204,35 +204,28 @@ class AxisCalibration:
         Returns
         -------
         rate : ndarray, shape (n,)
-            [rad/s].
+            [rad/s]; NaN where the output is none that the model can have.
         columns : ndarray, shape (n, k)
             Derivatives of the output by the linear coefficients.
         slope : ndarray, shape (n,)
             Its derivative by the rate [out s/rad].
-
-        Raises
-        ------
-        RateTableError
-            If the output is none that the model can have.
         """
         offset = self.terms.columns(np.zeros(len(raw)), self.largest_rate, warm) @ self.coefficients
         rate = (raw - offset) / self.coefficients[1]
-        for _ in range(_ITERATIONS):
-            columns = self.terms.columns(rate, self.largest_rate, warm)
-            slope = self.terms.slopes(rate, self.largest_rate, warm) @ self.coefficients
-            step = (raw - columns @ self.coefficients) / slope
-            rate = rate + step
-            if not np.any(np.abs(step) > _CONVERGED * (self.largest_rate + np.abs(rate))):
-                break
-        # Where the model turns back on itself a root is not the rate. A lost sample has neither.
-        if not np.any((slope * self.coefficients[1] <= 0) | (np.abs(step) > _SEEN * self.largest_rate)):
-            return rate, columns, slope
-        raise RateTableError(
-            "gyro",
-            expected=f"outputs within the calibrated range of {self.largest_rate:.6g} rad/s",
-            found=f"{float(np.nanmax(np.abs(raw))):.6g}, where the non-linear terms cannot be inverted",
-            remedy="calibrate over the range that is used, or with fewer terms",
-        )
+        with np.errstate(all="ignore"):  # an output without a root leads anywhere
+            for _ in range(_ITERATIONS):
+                columns = self.terms.columns(rate, self.largest_rate, warm)
+                slope = self.terms.slopes(rate, self.largest_rate, warm) @ self.coefficients
+                step = (raw - columns @ self.coefficients) / slope
+                rate = rate + step
+                if not np.any(np.abs(step) > _CONVERGED * (self.largest_rate + np.abs(rate))):
+                    break
+            # Where the model turns back on itself a root is not the rate.
+            back = slope * self.coefficients[1] <= 0
+            settled = np.abs(step) <= _SEEN * (self.largest_rate + np.abs(rate))
+        none = back | ~settled  # a lost sample has not settled either
+        rate, slope = (np.where(none, np.nan, of) for of in (rate, slope))
+        return rate, np.where(none[:, np.newaxis], np.nan, columns), slope
 
 
 def axis_calibration(

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.models import earth
 from pipeline.models.rate_table_noise import standard_errors
-from pipeline.numerics.sampling import runs
+from pipeline.numerics.sampling import MAD_TO_SIGMA, runs
 
 Float = NDArray[np.float64]
 
@@ -37,7 +37,13 @@ _LARGEST = 0.01
 """Of the largest rate: the largest tolerance that is chosen from the record itself."""
 _ROUNDING = 1e-9
 """Of the largest rate: an angle of 1e5 rad is rounded to 1e-11 rad."""
-_MEDIAN_TO_SIGMA = 1.4826
+_TURNING = 0.01
+"""Of the largest rate: above it the table turns, below it an encoder at rest has no noise at all."""
+_COUNTS = 3.0
+"""Of the angle's quantum, by which an encoder without noise changes the difference of two angles by rounding,
+over w: at most two, of three angles that are each rounded by half of one, and one for a little noise."""
+_COARSE = 0.1
+"""Of the largest rate: the largest tolerance that is chosen for the angle's quantum."""
 _FEWEST = 2
 """Samples of either record in a step."""
 
@@ -183,7 +189,8 @@ def constant_stretches(
         Largest time offset between gyro and table; left out at both ends [s].
     tolerance : float, optional
         Largest change of the mean rate from one window to the next [rad/s]; by default six standard
-        deviations of what it changes by most of the time, and no more than a hundredth of the largest rate.
+        deviations of what it changes by most of the time, or most of the time that the table turns, and no
+        more than a hundredth of the largest rate; but no less than the quantum of the angle makes of it.
 
     Returns
     -------
@@ -203,7 +210,7 @@ def constant_stretches(
     after = (motion.at(inner + w) - motion.at(inner)) / w
     before = (motion.at(inner) - motion.at(inner - w)) / w
     change = np.abs(after - before)
-    allowed = _tolerance(change, after) if tolerance is None else tolerance
+    allowed = _tolerance(change, after, quantum(motion.angle) / w) if tolerance is None else tolerance
     steady = runs(change <= allowed)
     found = []
     for first, stop in zip(steady.start.tolist(), steady.stop.tolist(), strict=True):
@@ -212,7 +219,7 @@ def constant_stretches(
         if end - begin >= shortest:
             found.append((begin, _whole_turns(motion, begin, end)))
     if not found:
-        raise _no_stretch(f"none within {allowed:.3g} rad/s", shortest)
+        raise _no_stretch(f"none within {np.degrees(allowed):.3g} deg/s", shortest)
     return np.array(found, dtype=np.float64)
 
 
@@ -283,14 +290,26 @@ def _no_stretch(found: str, shortest: float) -> RateTableError:
         "table rate",
         expected=f"stretches of constant rate of at least {shortest:g} s",
         found=found,
-        remedy="set a shorter stretch or a wider tolerance, or check which channel is the table's",
+        remedy="lower steps.shortest_s, raise steps.tolerance_deg_s, or check which channel is the table's",
     )
 
 
-def _tolerance(change: Float, rate: Float) -> float:
-    usual, largest = _NOISE * _MEDIAN_TO_SIGMA * float(np.median(change)), float(np.abs(rate).max())
+def quantum(angle: Float) -> float:
+    """Least difference of two angles of a record that is more than their rounding; 0 where there is none."""
+    differences = np.diff(np.unique(angle))
+    differences = differences[differences > 1e-12 * np.abs(angle).max()]
+    return float(differences.min()) if len(differences) else 0.0
+
+
+def _tolerance(change: Float, rate: Float, count: float) -> float:
+    """Tolerance by the record itself; ``count`` is the angle's quantum over w [rad/s]."""
+    speed = np.abs(rate)
+    largest = float(speed.max())
+    turning = change[speed > _TURNING * largest]
+    usual = _NOISE * MAD_TO_SIGMA * max(float(np.median(part)) for part in (change, turning) if len(part))
     # A record that is never steady would be called steady by its own median.
-    return max(min(usual, _LARGEST * largest), _ROUNDING * largest)
+    least = max(min(_COUNTS * count, _COARSE * largest), _ROUNDING * largest)
+    return max(min(usual, _LARGEST * largest), least)
 
 
 def _whole_turns(motion: Motion, begin: float, end: float) -> float:

@@ -20,9 +20,10 @@ from pipeline.models.rate_table import told_apart
 from pipeline.models.rate_table_fit import reference, scatter, usable, warmth, weighted
 from pipeline.models.rate_table_model import Terms
 from pipeline.models.rate_table_observations import AXES, Observations
+from pipeline.models.rate_table_scatter import covariance_of_means
 from pipeline.models.rate_table_steps import RateTableError
 from pipeline.models.rate_table_triad_model import TriadCalibration, triad_names
-from pipeline.numerics.least_squares import Solution
+from pipeline.numerics.least_squares import Solution, solve
 from pipeline.numerics.observability import Observability, analyse
 
 Float = NDArray[np.float64]
@@ -101,13 +102,16 @@ def fit_triad(
         inputs = _inputs(terms, S, observed, warm)
         effect = np.einsum("ij,mjq->miq", S, observed.unknown)
         tau = np.array([_scatter(inputs[:, i], effect[:, i], observed, i) for i in range(3)])
-        total = np.hypot(observed.standard_error, tau)
-        full = np.concatenate([_design(inputs), effect], axis=2).reshape(-1, k + q)
-        y, deviation = observed.output.ravel(), total.ravel()
-        solution = weighted(full, y, deviation, (*names, *observed.unknowns), prior)
+        noise = [_noise(inputs[:, i], effect[:, i], observed, i, tau[i]) for i in range(3)]
+        full = np.concatenate([_design(inputs), effect], axis=2)
+        white = np.linalg.inv(np.linalg.cholesky(np.stack(noise)))
+        rows = np.einsum("imn,nik->mik", white, full).reshape(-1, k + q)
+        y = np.einsum("imn,ni->mi", white, observed.output).ravel()
+        solution = solve(rows, y, (*names, *observed.unknowns), prior=prior, sigma=1.0)
         S = solution.estimate[:9].reshape(3, 3)
-    told = _told(full / deviation[:, np.newaxis], solution, names, observed, float(np.ptp(warm)))
-    spent = np.sum((full @ solution.factor) ** 2, axis=1)
+    told = _told(rows, solution, names, observed, float(np.ptp(warm)))
+    total = np.stack([np.diag(of) for of in noise], axis=1)
+    spent = np.sum((full @ solution.factor) ** 2, axis=2)
     open_ = np.isinf(told.standard_errors[:k])
     own = np.sqrt(np.maximum(np.diag(solution.covariance)[:k], 0.0))
     return Triad(
@@ -119,8 +123,8 @@ def fit_triad(
         reference_temperature=T0,
         largest_rate=_largest(observed),
         observability=told,
-        residual=(solution.residual * deviation).reshape(-1, 3),
-        residual_error=np.sqrt(np.maximum(deviation**2 - spent, 0.0)).reshape(-1, 3),
+        residual=observed.output - full @ solution.estimate,
+        residual_error=np.sqrt(np.maximum(total - spent, 0.0)),
         scatter=tau,
     )
 
@@ -193,6 +197,15 @@ def _scatter(inputs: Float, effect: Float, observed: Observations, gyro: int) ->
     prior = np.concatenate([np.full(p, np.inf), np.ones(q)]) if q else None
     A = np.concatenate([inputs, effect], axis=1)
     return scatter(A, observed.output[:, gyro], observed.standard_error[:, gyro], prior)
+
+
+def _noise(inputs: Float, effect: Float, observed: Observations, gyro: int, scatter: float) -> Float:
+    """Covariance of the outputs of one gyro; without times between them its scatter is independent."""
+    error = observed.standard_error[:, gyro]
+    average = None
+    if observed.apart is not None:
+        average = covariance_of_means(inputs, observed.output[:, gyro], error, effect, observed.apart)
+    return np.diag(error**2 + scatter**2) if average is None else average
 
 
 def _told(

@@ -64,8 +64,8 @@ class Decomposition:
         ``scale_factor_i``: K_i. ``misalignment_ij``: component of n_i along axis j of the case, the small
         angle towards it [rad]. ``nonorthogonality_ij``: 90 degrees less the angle between input axes i and j
         [rad].
-        ``mounting_i``: rotation of the triad as a whole from the axes of the case, about axis i [rad], the
-        antisymmetric part of the misalignments.
+        ``triad_rotation_i``: rotation of the triad as a whole from the axes of the case, about axis i [rad],
+        the antisymmetric part of the misalignments.
     value, standard_error : ndarray, shape (15,)
         Infinite errors where S does not tell.
     covariance : ndarray, shape (15, 15)
@@ -195,7 +195,7 @@ class TriadCalibration:
             *(f"scale_factor_{i}" for i in AXES),
             *(f"misalignment_{i + 1}{j + 1}" for i, j in off),
             *(f"nonorthogonality_{i + 1}{j + 1}" for i, j in PAIRS),
-            *(f"mounting_{i}" for i in AXES),
+            *(f"triad_rotation_{i}" for i in AXES),
         )
         derivatives = np.concatenate(J)
         covariance = derivatives @ self.covariance[:9, :9] @ derivatives.T
@@ -219,13 +219,13 @@ class TriadCalibration:
             In the axes of the case [rad/s].
         standard_error : ndarray, shape (n, 3)
             That the uncertainty of the calibration gives it; the gyros' own noise is not in it. It is the
-            same error throughout a record, not a new one in each sample.
+            same error throughout a record, not a new one in each sample. All are NaN in a sample of which
+            one output is none that the model can have.
 
         Raises
         ------
         RateTableError
-            If part of the calibration is not told, the temperature is missing, or an output is none that the
-            model can have.
+            If part of the calibration is not told, or the temperature is missing.
         """
         warm = warmth(temperature, self.reference_temperature, len(raw), needed=self.terms.thermal)
         inverse = np.asarray(np.linalg.inv(self._whole()), dtype=np.float64)

@@ -66,7 +66,7 @@ class _Parameter(_Settings):
 
     @model_validator(mode="after")
     def _unit_is_that_of_the_model(self) -> Self:
-        known = _UNITS.get(_without_channel(self.name), "1")
+        known = unit_of(self.name)
         if self.unit != known:
             raise ValueError(f"{self.name} in {known!r}; found {self.unit!r}")
         return self
@@ -76,6 +76,8 @@ class _Model(_Settings):
     channels: Channels
     method: Literal["rates", "turns", "positions", "joined"]
     reference_temperature: float | None = Field(ge=0)
+    lowest_temperature: float | None = Field(None, ge=0)
+    highest_temperature: float | None = Field(None, ge=0)
     largest_rate: float = Field(gt=0)
     parameters: tuple[_Parameter, ...]
     correlation: tuple[tuple[float, ...], ...]
@@ -87,6 +89,9 @@ class _Model(_Settings):
             raise ValueError(f"the parameters of a model, in order; found {', '.join(names) or 'none'}")
         if self.reference_temperature is None and any("temperature" in name for name in names):
             raise ValueError("a reference_temperature beside terms of temperature; found null")
+        low, high = self.lowest_temperature, self.highest_temperature
+        if (low is None) != (high is None) or (low is not None and high is not None and low > high):
+            raise ValueError(f"lowest_temperature up to highest_temperature, or neither; found {low}, {high}")
         if tuple(map(len, self.correlation)) != tuple(range(1, len(names) + 1)):
             raise ValueError(f"the lower triangle of {len(names)} correlations; found another shape")
         R = self.correlations
@@ -103,6 +108,13 @@ class _Model(_Settings):
         """Both triangles, shape (k, k)."""
         L = np.array([(*row, *[0.0] * (len(self.correlation) - len(row))) for row in self.correlation])
         return np.asarray(L + np.tril(L, -1).T, dtype=np.float64)
+
+    @property
+    def temperatures(self) -> tuple[float, float] | None:
+        """Between which it was calibrated [K]."""
+        if self.lowest_temperature is None or self.highest_temperature is None:
+            return None
+        return self.lowest_temperature, self.highest_temperature
 
     @property
     def calibration(self) -> AxisCalibration | TriadCalibration:
@@ -161,6 +173,8 @@ class Calibration:
         By what each was calibrated.
     largest_rate : mapping of str to float
         Up to which each was calibrated [rad/s].
+    temperatures : mapping of str to (float, float)
+        Between which each that has a term of temperature was calibrated [K]; not all files say it.
     """
 
     where: str
@@ -170,6 +184,7 @@ class Calibration:
     models: Mapping[str, AxisCalibration | TriadCalibration]
     methods: Mapping[str, str]
     largest_rate: Mapping[str, float]
+    temperatures: Mapping[str, tuple[float, float]]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -223,6 +238,7 @@ def _checked(content: bytes, where: str) -> Calibration:
         models={model.channels: model.calibration for model in file.models},
         methods={model.channels: model.method for model in file.models},
         largest_rate={model.channels: model.largest_rate for model in file.models},
+        temperatures={model.channels: model.temperatures for model in file.models if model.temperatures},
     )
 
 
@@ -275,22 +291,29 @@ def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenan
 def _require_told(kept: Sequence[Mapping[str, Any]], where: str) -> None:
     """Refuse what has no figure, and sensitivities too uncertain for the inverse of the model."""
     sizes = [abs(row["value"] or 0.0) for row in kept if row["parameter"] in _SENSITIVITIES]
-    for row in kept:
-        name, error = f"{row['parameter']} of {row['gyro'] or 'the triad'}", row["standard_error"]
-        if error is None:
-            expected, found = "a figure of all that correcting a record needs", f"none of {name}"
-        elif row["parameter"] in _SENSITIVITIES and error > _INVERTIBLE * max(sizes):
-            expected = f"sensitivities that are known to {_INVERTIBLE:.0%} of the scale factor"
-            found = f"{name} with a standard error of {error:.2g}"
-        else:
-            continue
-        raise CalibrationError(
-            where,
-            expected=expected,
-            found=found,
-            remedy="calibrate with rotation about all axes that the gyro has",
-            exit_code=ExitCode.NOT_MET,
-        )
+    lacking = [row for row in kept if row["standard_error"] is None]
+    told = [row for row in kept if row not in lacking and row["parameter"] in _SENSITIVITIES]
+    vague = [row for row in told if row["standard_error"] > _INVERTIBLE * max(sizes)]
+    found = [f"none of {_named(lacking)}"] if lacking else []
+    if vague:
+        worst = max(row["standard_error"] for row in vague)
+        up_to = "up to " if len(vague) > 1 else ""
+        found.append(f"{_named(vague)} with a standard error of {up_to}{worst:.2g}")
+    if not found:
+        return
+    expected = f"all that correcting a record needs, sensitivities to {_INVERTIBLE:.0%} of the scale factor"
+    remedy = "calibrate with rotation about all axes that the gyro has"
+    raise CalibrationError(
+        where, expected=expected, found=", and ".join(found), remedy=remedy, exit_code=ExitCode.NOT_MET
+    )
+
+
+def _named(told: Sequence[Mapping[str, Any]]) -> str:
+    """Parameters in words, those of the triad together."""
+    return ", ".join(
+        f"{', '.join(row['parameter'] for row in told if row['gyro'] == gyro)} of {gyro or 'the triad'}"
+        for gyro in dict.fromkeys(row["gyro"] for row in told)
+    )
 
 
 def _lines_of_model(
@@ -302,7 +325,7 @@ def _lines_of_model(
     head = {
         "channels": gyro or _TRIAD,
         "method": first["method"],
-        "reference_temperature": first["reference_temperature"],
+        **{key: first[key] for key in ("reference_temperature", "lowest_temperature", "highest_temperature")},
         "largest_rate": first["largest_rate"],
     }
     stated = [
@@ -337,8 +360,9 @@ def _terms(channels: Channels, names: tuple[str, ...]) -> Terms | None:
     return triad_terms(names, channels.split()) if channels == _TRIAD else Terms.of_names(names)
 
 
-def _without_channel(name: str) -> str:
-    return name[:-2] if name[-2:] in ("_p", "_q", "_r") else name
+def unit_of(name: str) -> str:
+    """Unit of a parameter of a gyro, or of a gyro of the triad."""
+    return _UNITS.get(name[:-2] if name[-2:] in ("_p", "_q", "_r") else name, "1")
 
 
 def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
@@ -365,7 +389,8 @@ def _first_fault(error: ValidationError) -> tuple[str, str]:
     if details["type"] == "extra_forbidden":
         return "no key beside those that 'gyrostand calibration export' writes", repr(key)
     found = repr(details["input"])
-    return f"{key}: {details['msg'].lower()}", found if len(found) < 60 else f"{found[:60]}…"
+    said = details["msg"][:1].lower() + details["msg"][1:]
+    return f"{key}: {said}", found if len(found) < 60 else f"{found[:60]}…"
 
 
 def _damaged(where: str, expected: str, found: str) -> CalibrationError:

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from pipeline.models.rate_table_model import Terms
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._rate_table_record import AXES
 from pipeline.stages._runs import CaseAxis, Run
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Stand
 from pipeline.stages.channel_map import Name, Stream
-from pipeline.stages.quantities import QUANTITIES, StreamName
+from pipeline.stages.quantities import StreamName
 
 Method = Literal["rates", "turns", "positions"]
-METHODS: tuple[Method, ...] = get_args(Method)
 
 HIGHEST_ORDER = 5
 """Of a nonlinearity: higher ones are no longer told apart by the rates of a table."""
-
-_CHANNELS = tuple(QUANTITIES["angular_rate"])
 
 
 class Stretch(_Settings):
@@ -95,13 +93,13 @@ class Settings(_Settings):
         0.0,
         ge=0,
         le=10,
-        description="standard deviation of the case's orientation in each run on the table, and in each "
-        "position, about each axis, degrees",
+        description="of a triad: standard deviation of the case's orientation in each run on the table, and "
+        "in each position, about each axis, degrees",
     )
     bias_error_deg_h: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the biases of a run about those of all, deg/h",
+        description="of a triad: standard deviation of the biases of a run about those of all, deg/h",
     )
     turns: tuple[Turn, ...] = Field((), description="stretches in which the case was turned")
     rests: tuple[Rest, ...] = Field((), description="stretches of rest beside the turns")
@@ -197,10 +195,10 @@ def _stream_faults(
         expected = "'angular_rate' for the procedure 'rate_table'"
         yield Fault(("streams", "gyro", "quantity"), expected, repr(gyro.quantity), "record rates")
         return
-    missing = [name for name in _CHANNELS if name not in gyro.channels]
+    missing = [name for name in AXES if name not in gyro.channels]
     whole = [method for method in settings.methods if method != "rates"]
     if whole and missing:
-        expected = f"the channels {', '.join(_CHANNELS)}, for the method {whole[0]!r}"
+        expected = f"the channels {', '.join(AXES)}, for the method {whole[0]!r}"
         remedy = f"add channels.{missing[0]} = {{ field = …, unit = … }}"
         yield Fault(("streams", "gyro", "channels"), expected, f"no {', '.join(missing)}", remedy)
     if "rates" in settings.methods and not runs and len(gyro.channels) > 1:

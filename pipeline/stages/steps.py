@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.errors import ExitCode
 from pipeline.models.rate_table_offset import TimeOffset, time_offset
@@ -29,7 +29,13 @@ from pipeline.models.rate_table_steps import (
     constant_stretches,
     measure_steps,
 )
-from pipeline.stages._rate_table_plausibility import followed, refuse_still
+from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._rate_table_plausibility import (
+    followed,
+    refuse_jumps,
+    refuse_only_rest,
+    refuse_still,
+)
 from pipeline.stages._rate_table_record import AXES, TableRun, table_runs
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import StageError, Stand, Tables, counted, finding, metric, rows
@@ -71,6 +77,14 @@ class Settings(_Settings):
         "or a number, s",
     )
     longest_offset_s: float = Field(1.0, gt=0, description="largest time offset that is looked for, s")
+
+    @model_validator(mode="after")
+    def _offset_is_no_longer_than_that(self) -> Self:
+        if not isinstance(self.time_offset, str) and abs(self.time_offset) > self.longest_offset_s:
+            expected = f"at most longest_offset_s = {self.longest_offset_s:g}, either way"
+            remedy = "correct it, or raise longest_offset_s"
+            refuse([Fault(("time_offset",), expected, f"{self.time_offset:g}", remedy)])
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +166,8 @@ def _of_run(one: TableRun, settings: Settings, *, oriented: bool) -> tuple[Rows,
     try:
         recorded = _motion(one)
         refuse_still(one, recorded)
+        if one.by_angle:
+            refuse_jumps(one, recorded)
         offset = _offset(one, recorded, settings)
         motion = _common(one, replace(recorded, time=recorded.time + offset.value))
         tolerance = None if settings.tolerance_deg_s is None else float(np.radians(settings.tolerance_deg_s))
@@ -166,6 +182,7 @@ def _of_run(one: TableRun, settings: Settings, *, oriented: bool) -> tuple[Rows,
         time = one.seconds(one.gyro.time)
         temperature = one.temperature_at(time)
         measured = measure_steps(motion, stretches, time, one.gyro.values, temperature)
+        refuse_only_rest(one, measured, motion)
         if one.across is None or not oriented:  # the zero of the table's angle tells nothing of the case's
             length = stretches[:, 1] - stretches[:, 0]
             less = np.abs(measured.rate) * length < 2 * np.pi * (1 - _ROUNDING)

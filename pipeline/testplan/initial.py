@@ -66,6 +66,11 @@ _TABLE = (
     '# recording = "run8.mcap"    # a further recording beside this one',
     "# start = 0.0    # s from the first gyro sample of its recording",
     "# stop = 600.0",
+    "",
+    "# What its calibration is made of.",
+    "# [calibrate]",
+    '# methods = ["rates"]    # also "turns" and "positions", by hand',
+    "# asymmetry = true    # false where the table turned one way only",
 )
 _GIMBAL = (
     "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
@@ -88,6 +93,7 @@ _LIMIT = {
         "marginal_upper = 0.15",
     ),
     "static": ('metric = "lost_count"', 'channel = "gyro"', "upper = 0"),
+    "rate_table": ('metric = "residual_rms"', 'channel = "p"', "upper = 100.0    # ppm"),
     "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
 }
 """A limit that stands as a comment in the plan of each procedure."""
@@ -122,9 +128,8 @@ def initial_plan(inspection: Inspection) -> str:
     gimbal = _first(candidates, "gimbal")
     second = _first([c for c in candidates if not c.also_rates and c.is_named_so], "reference")
     table = _first(candidates, "turntable") if second is None else None
-    procedure = "coning" if table is None else "static"
-    if gyro is None and gimbal is not None:
-        procedure = "drift"
+    procedures = _procedures(gyro, gimbal, second, table)
+    procedure = procedures[0]
     chosen = [c for c in ((gimbal,) if procedure == "drift" else (gyro, second, table)) if c is not None]
     name = own_plan(inspection.path).name
     plan = _Plan()
@@ -133,7 +138,9 @@ def initial_plan(inspection: Inspection) -> str:
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
         *(_GYRO_ALONE if procedure != "drift" and second is None else ()),
-        f'procedure = "{procedure}"',
+        f'procedure = "{procedure}"'
+        if table is None
+        else f'procedure = ""    # FILL IN: {_either(procedures)}',
         'title = ""',
         "",
         "[stand]",
@@ -147,9 +154,26 @@ def initial_plan(inspection: Inspection) -> str:
     for candidate in chosen:
         _add_stream(plan, candidate.stream, candidate, inspection.topics)
     _add_alternatives(plan, [c for c in candidates if c not in chosen])
-    _add_limits(plan, procedure)
+    _add_limits(plan, procedures)
     _add_rest(plan, inspection.topics)
     return "\n".join(plan.lines) + "\n"
+
+
+def _procedures(
+    gyro: Candidate | None, gimbal: Candidate | None, second: Candidate | None, table: Candidate | None
+) -> tuple[str, ...]:
+    """What these streams may be for, the likeliest first."""
+    if gyro is None and gimbal is not None:
+        return ("drift",)
+    if table is not None:
+        return "static", "rate_table"
+    if second is not None:
+        return ("coning",)
+    return ("coning", "static") if gyro is None or gyro.channels is None else ("static", "rate_table")
+
+
+def _either(names: Sequence[str]) -> str:
+    return " or ".join(f'"{name}"' for name in names)
 
 
 def _first(candidates: Sequence[Candidate], stream: StreamName) -> Candidate | None:
@@ -248,9 +272,14 @@ def _stream_lines(candidate: Candidate) -> Iterator[str]:
         about = f"{escaped(topic.message_type)}, {topic.count} messages"
         yield f"topic = {quoted(topic.name)}    # {about}"
     yield f'quantity = "{candidate.quantity}"'
-    channels = QUANTITIES[candidate.quantity]
-    for (channel, of), one in zip(channels.items(), candidate.fields, strict=True):
-        unit, remark = _unit(one, of, topic.message_type)
+    dimensions = QUANTITIES[candidate.quantity]
+    if candidate.channels == ():
+        yield "# One gyro, taken for p: the name does not say which of p, q and r it is."
+    names = tuple(dimensions) if candidate.channels is None else candidate.channels or ("p",)
+    for channel, one in zip(names, candidate.fields, strict=True):
+        unit, remark = _unit(one, dimensions[channel], topic.message_type)
+        if candidate.stream == "turntable":
+            remark = remark.replace("rad/s or deg/s", "rad/s, deg/s or rpm")
         yield f"channels.{channel} = {{ field = {quoted(one.path)}, unit = {quoted(unit)} }}{remark}"
 
 
@@ -291,9 +320,13 @@ def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
         )
 
 
-def _add_limits(plan: _Plan, procedure: str) -> None:
-    plan.add("# What a figure must be for the recording to pass; any number of these.", "# [[limits]]")
-    plan.add(*(f"# {line}" for line in _LIMIT[procedure]), "")
+def _add_limits(plan: _Plan, procedures: Sequence[str]) -> None:
+    for name in procedures:
+        of = f" Of the procedure {name}:" if len(procedures) > 1 else ""
+        plan.add(
+            f"# What a figure must be for the recording to pass; any number of these.{of}", "# [[limits]]"
+        )
+        plan.add(*(f"# {line}" for line in _LIMIT[name]), "")
 
 
 def _add_rest(plan: _Plan, topics: Sequence[Topic]) -> None:

@@ -14,6 +14,7 @@ from pipeline.models.rate_table_steps import (
     TableAxis,
     constant_stretches,
     measure_steps,
+    quantum,
 )
 
 DEGREE = records.DEGREE
@@ -99,6 +100,29 @@ def test_a_drift_with_the_temperature_or_with_time_is_no_noise_of_the_gyro(warme
     middle = (steps.start + steps.stop) / 2
     told = steps.gyro[:, 0] - steps.rate - (2e-3 * DEGREE + 5e-5 * steps.rate) * 0.08 * middle
     assert np.all(np.abs(told) < 5 * expected)
+
+
+@pytest.mark.parametrize("rest", [30.0, 60.0, 300.0])
+@pytest.mark.parametrize("bits", [12, 14, 17, 20, 24])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_an_encoder_that_rests_long_keeps_the_steps(rest: float, bits: int, noise: float) -> None:
+    rates = DEGREE * np.array([20.0, -20.0, 100.0, 5.0])
+    held = records.corners(rates, 12.0, 2.0)[1:] + np.array([rest, 0.0])
+    after = held[-1, 0] + 2.0 + np.array([0.0, rest])
+    at = np.concatenate([[[0.0, 0.0], [rest, 0.0]], held, np.stack([after, np.zeros(2)], axis=1)])
+    time, _, angle = records.table(at, STEP)
+    count = 2 * np.pi / 2**bits
+    # of a count: far too little for the encoder to show any of it at rest
+    shaken = angle + records.white(np.random.default_rng(6), angle.shape, noise * count)
+    motion = Motion.of_angle(time, count * np.rint(shaken / count))
+    # whole counts, by the rounding of an angle of 1e2 rad; a few, where the samples never differ by one
+    counts = quantum(motion.angle) / count
+    assert counts == pytest.approx(max(1, round(counts)), rel=1e-6)
+    assert counts < 2 or bits == 24
+    stretches = constant_stretches(motion, shortest=6.0, settling=0.0)
+    told = measure_steps(motion, stretches, time, np.zeros((len(time), 1))).rate
+    # two counts, of either end, over 6 s or more
+    np.testing.assert_allclose(told, [0.0, *rates, 0.0], atol=2 * count / 6.0 + 1e-9)
 
 
 def test_without_constant_rate_there_is_an_error() -> None:

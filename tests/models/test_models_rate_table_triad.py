@@ -47,7 +47,8 @@ def recorded_run(
         gyro += records.coloured(rng, case.shape, share * sigma, 2.0, STEP)
     motion = Motion.of_angle(time, angle) if encoder else Motion.of_rate(time, rate)
     stretches = constant_stretches(motion, shortest=20.0, settling=1.0)
-    return Run(measure_steps(motion, stretches, time, gyro), records.TO_CASE[along], fixture, bias, AXIS)
+    steps = measure_steps(motion, stretches, time, gyro)
+    return Run(f"run_{along}", steps, records.TO_CASE[along], fixture, bias, AXIS)
 
 
 def calibrated(seed: int, share: float, fixture: float = 0.0, bias: float = 0.0) -> Triad:
@@ -112,14 +113,14 @@ def test_decomposition_into_scale_factors_and_angles() -> None:
     assert told.of("nonorthogonality_13")[0] == pytest.approx(np.pi / 2 - between, abs=1e-12)
 
 
-def test_a_triad_turned_as_a_whole_has_a_mounting_and_no_nonorthogonality() -> None:
+def test_a_triad_turned_as_a_whole_has_a_rotation_and_no_nonorthogonality() -> None:
     phi = np.array([0.001, -0.002, 0.0015])
     turned = np.eye(3) - np.cross(np.eye(3), phi)  # n = 1 - [phi x]
     observed = exact((1, 2, 3))
     told = fit_triad(replace(observed, output=observed.rate @ turned.T + BIAS)).decomposed()
     for i in (1, 2, 3):
         # of first order in the angles
-        assert told.of(f"mounting_{i}")[0] == pytest.approx(phi[i - 1], abs=1e-5)
+        assert told.of(f"triad_rotation_{i}")[0] == pytest.approx(phi[i - 1], abs=1e-5)
     for pair in ("12", "13", "23"):
         assert told.of(f"nonorthogonality_{pair}")[0] == pytest.approx(0.0, abs=1e-5)
 
@@ -313,7 +314,7 @@ def test_a_step_at_rest_of_unknown_angle_counts_with_the_earth_rate_as_its_uncer
     assert np.isnan(blind.steps.turn[0]).all()
     assert not np.isnan(known.steps.turn).any()
     observed = observe_runs([blind])
-    assert observed.unknowns == ("earth_rate_1_run_1_step_1", "earth_rate_2_run_1_step_1")
+    assert observed.unknowns == ("earth_rate_1_run_3_step_0", "earth_rate_2_run_3_step_0")
     expected = AXIS.across / np.sqrt(2) * np.eye(3)[:, :2]
     np.testing.assert_allclose(observed.unknown[0], expected, rtol=1e-12)
     assert not observed.unknown[1:].any()
@@ -339,5 +340,5 @@ def test_steps_of_runs_are_turned_into_the_case() -> None:
         np.zeros(1), np.ones(1), np.array([2.0]), np.zeros((1, 2)), np.zeros((1, 3)), np.ones((1, 3))
     )
     for along in (1, 2, 3):
-        observed = observe_runs([Run(steps, records.TO_CASE[along], 0.0, 0.0, None)])
+        observed = observe_runs([Run("run_0", steps, records.TO_CASE[along], 0.0, 0.0, None)])
         np.testing.assert_array_equal(observed.rate[0], 2.0 * np.eye(3)[along - 1])

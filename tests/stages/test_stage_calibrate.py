@@ -140,6 +140,7 @@ def test_a_single_axis_is_what_a_later_plan_corrects_by() -> None:
     assert {(row["gyro"], row["method"], row["state"]) for row in rows} == {("q", "rates", "determined")}
     assert {row["parameter"] for row in rows} - set(names) == {"linearity_error", "step_scatter"}
     assert all(row["reference_temperature"] is None for row in rows)
+    assert all(row["lowest_temperature"] is None for row in rows)
     assert all(row["largest_rate"] == pytest.approx(100 * DEG, rel=1e-9) for row in rows)
     covariance = {(r["row"], r["column"]): r["value"] for r in out["calibration_covariance"].to_pylist()}
     assert len(covariance) == len(names) ** 2
@@ -305,6 +306,10 @@ def test_temperature() -> None:
         assert value == pytest.approx(d[k], abs=5 * error)
     rows = out["calibration"].to_pylist()
     assert {row["reference_temperature"] for row in rows} == {293.15}
+    # means of steps of a record that begins at 285 K and warms by 0.1 K/s for 161 s
+    ((low, high),) = {(row["lowest_temperature"], row["highest_temperature"]) for row in rows}
+    assert 285.0 < low < 287.5
+    assert 298.5 < high < 301.1
     assert {row["unit"] for row in rows if "temperature" in row["parameter"]} == {"rad/s/K"}
     without = {name: made[name] for name in made if name != "temperature"}
     refused(ExitCode.NOT_MET, "a temperature, for a calibration", made=without, **settings)
@@ -368,7 +373,10 @@ def streams(time: np.ndarray, gyro: np.ndarray) -> dict[str, pa.Table]:
 
 
 def turned(
-    rng: np.random.Generator, axes: tuple[str, ...] = THREE, sigma: float = 0.05 * DEG
+    rng: np.random.Generator,
+    axes: tuple[str, ...] = THREE,
+    sigma: float = 0.05 * DEG,
+    earth_rate: np.ndarray | None = None,
 ) -> tuple[dict[str, pa.Table], dict[str, Any]]:
     """One round by hand about each axis, either way, rest between; and the settings that say so."""
     step, rest, length = 0.01, 5.0, 4.0
@@ -386,6 +394,8 @@ def turned(
         )
         clock += length
     rate = np.concatenate([*parts, np.zeros((int(rest / step), 3))])
+    if earth_rate is not None:
+        rate = rate + earth_rate
     gyro = rate @ S.T + BIAS + sigma * rng.standard_normal(rate.shape)
     settings = {"methods": ("turns",), "turns": tuple(turns), "rests": tuple(rests)}
     return streams(step * np.arange(len(gyro)), gyro), settings
@@ -467,10 +477,16 @@ def test_positions_tell_s_and_b_of_a_good_gyro() -> None:
     assert caught.value.exit_code is ExitCode.USAGE
 
 
-def rates_and_turns(rates: np.ndarray) -> tuple[dict[str, pa.Table], dict[str, Any]]:
-    """Steps of these rates about p and q, and turns about r by hand; the turns as settings."""
-    by_rates = tables(Stand(axes=("p", "q"), rates=rates), 12)
-    by_hand, settings = turned(np.random.default_rng(12), axes=("r",))
+def rates_and_turns(
+    rates: np.ndarray, earth_rate: np.ndarray | None = None, seed: int = 12
+) -> tuple[dict[str, pa.Table], dict[str, Any]]:
+    """Steps of these rates about p and q, and turns about r by hand; the turns as settings.
+
+    With an Earth's rate in the axes of the case by hand [rad/s] there is one on the table too.
+    """
+    axis = None if earth_rate is None else VERTICAL
+    by_rates = tables(Stand(axes=("p", "q"), rates=rates, earth=axis, by_angle=True), seed)
+    by_hand, settings = turned(np.random.default_rng(seed), axes=("r",), earth_rate=earth_rate)
     gyro = by_hand["gyro"]
     gyro = gyro.set_column(
         gyro.schema.names.index("run"),
@@ -507,8 +523,57 @@ def test_rates_and_turns_join() -> None:
     assert said == "the triad is without scale_factor_nonlinearity_3, which turns do not tell"
 
 
+def test_the_earth_s_rate_in_the_turns_is_an_error_of_their_biases() -> None:
+    rng = np.random.default_rng(13)
+    errors, own = [], []
+    for seed in range(20):
+        u = rng.standard_normal(3)
+        u *= earth.RATE / np.linalg.norm(u)
+        made, parted = rates_and_turns(RATES, u, seed)
+        out = calibrated(made, ON_EARTH, methods=("rates", "turns"), **parted)
+        found = told(out)
+        errors += [(found[f"bias_{a}"][0] - BIAS[k]) / found[f"bias_{a}"][1] for k, a in enumerate(THREE)]
+        own.append(found["bias_r"][1])
+    # 60 values: 9 %, three times that
+    assert 0.73 < np.std(errors) < 1.27
+    # 140 s of rates tell the bias to some deg/h, rest by hand to 15 deg/h at best
+    assert max(own) < earth.RATE
+    said = [f["detail"] for f in out["findings"].to_pylist() if f["kind"] == "Earth's rate"]
+    assert len(said) == 1
+    assert "counted as an error of their biases" in said[0]
+
+
+def test_what_a_gyro_does_not_tell_of_another_axis_is_said() -> None:
+    made = tables(Stand(axes=("r",)), 3)
+    place = made["gyro"].schema.names.index("p")
+    still = pa.array(np.zeros(made["gyro"].num_rows))
+    made["gyro"] = made["gyro"].set_column(place, made["gyro"].schema.field("p"), still)
+    out = calibrated(made)
+    assert set(told(out)) == {"S23"}
+    (said,) = [f for f in out["findings"].to_pylist() if f["kind"] == "cross axis"]
+    assert said["channel"] == "p"
+    assert "about r: expected an output that changes with the rate, found 0 in every step" in said["detail"]
+
+
+def test_what_counts_in_a_triad_only_is_said_of_single_axes() -> None:
+    made = tables(Stand(axes=("r",)), 3)
+    out = calibrated(made, orientation_error_deg=0.1)
+    (said,) = [f for f in out["findings"].to_pylist() if f["kind"] == "not counted"]
+    assert said["severity"] == "warning"
+    assert said["detail"].startswith("orientation_error_deg of [calibrate]: counted in a triad only")
+    assert "not counted" not in kinds(calibrated(tables(Stand(axes=THREE), 3), orientation_error_deg=0.1))
+
+
 def test_beside_a_triad_a_gyro_without_its_terms_is_a_finding() -> None:
     made, parted = rates_and_turns(RATES[:3])
     out = calibrated(made, methods=("rates", "turns"), nonlinearity=(2, 3), **parted)
     assert kinds(out).count("single axis") == 2  # nobody turned r on the table
     assert {row["gyro"] for row in out["calibration"].to_pylist()} == {""}
+
+
+def test_as_many_steps_as_unknowns_check_nothing() -> None:
+    for count, said in ((3, ["p: 3 steps for 3 unknowns: no step is left to check the model by"]), (4, [])):
+        made = tables(Stand(axes=("p",), channels="p", rates=RATES[1 : 1 + count]))
+        found = [f for f in calibrated(made)["findings"].to_pylist() if f["kind"] == "not checked"]
+        assert [f["detail"].split(", and")[0] for f in found] == said
+        assert all(f["severity"] == "warning" for f in found)

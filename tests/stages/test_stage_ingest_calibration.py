@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline import formats
-from pipeline.errors import ExitCode, GyrostandError
+from pipeline.errors import ExitCode
 from pipeline.formats.base import Series
 from pipeline.models.rate_table_triad_model import TriadCalibration
 from pipeline.stages import ingest
@@ -122,7 +122,7 @@ class TestCorrection:
         assert isinstance(model, TriadCalibration)
         _, error = model.apply(outputs)
         for axis, largest in zip("pqr", error.max(axis=0), strict=True):
-            assert f"{largest:.3g} rad/s in {axis}" in finding["detail"]
+            assert f"{np.degrees(largest) * 3600:.3g} deg/h in {axis}" in finding["detail"]
         for word in (NAME, "'table'", "'table.mcap'", "by rates", "a time offset is not applied"):
             assert word in finding["detail"]
 
@@ -132,6 +132,55 @@ class TestCorrection:
         beyond = said(tables)["beyond the calibration"]
         assert (beyond["severity"], beyond["count"], beyond["start"]) == ("warning", 1, STAMP[11])
         assert f"{calibrations.LARGEST:g} rad/s" in beyond["detail"]
+
+    def test_outputs_that_the_gyro_cannot_have_have_no_rate(self, tmp_path: Path) -> None:
+        bent = calibrations.axis_text().replace(
+            '"scale_factor_nonlinearity_3", "value": 0.00015', '"scale_factor_nonlinearity_3", "value": -0.5'
+        )
+        outputs = np.full((N, 1), 0.3)
+        spikes = [7, 12]
+        outputs[spikes, 0] = 6.0, -60.0
+        outputs[9] = np.nan
+        tables = ingested(tmp_path, outputs, bent, warm=True)
+        rate = rates_of(tables, "q")[:, 0]
+        assert np.flatnonzero(np.isnan(rate)).tolist() == [7, 9, 12]
+        lost = said(tables)["not corrected"]
+        assert (lost["severity"], lost["count"]) == ("warning", 2)  # what was NaN before is none of them
+        assert (lost["start"], lost["end"]) == tuple(STAMP[spikes])
+
+    def test_one_output_that_a_gyro_of_a_triad_cannot_have_leaves_no_rate(self, tmp_path: Path) -> None:
+        name = '"scale_factor_nonlinearity_3_q", "value": '
+        text = calibrations.bent_text()
+        assert name in text
+        bent = text.replace(f"{name}-0.0002", f"{name}-0.5")
+        assert bent != text
+        outputs = calibrations.bent_output(0.2 * RATES, np.zeros(N))
+        outputs[5, 1] = 6.0
+        tables = ingested(tmp_path, outputs, bent, warm=True)
+        assert np.flatnonzero(np.isnan(rates_of(tables)).any(axis=1)).tolist() == [5]
+        assert np.isnan(rates_of(tables)[5]).all()
+        assert said(tables)["not corrected"]["count"] == 1
+
+    def test_temperatures_beyond_the_calibrated_ones_are_counted(self, tmp_path: Path) -> None:
+        outputs = RATES @ calibrations.S.T + calibrations.BIAS
+        text = calibrations.triad_text(warm=True)
+        high = calibrations.T0 + calibrations.WARMTH[1]
+        assert "beyond the calibration" not in said(ingested(tmp_path, outputs, text, warm=True))
+        lowered = text.replace(f'"highest_temperature": {high}', f'"highest_temperature": {high - 5}')
+        assert lowered != text
+        beyond = said(ingested(tmp_path, outputs, lowered, warm=True))["beyond the calibration"]
+        warmth = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE)
+        # a twentieth of the range of 20 K further: 1 K
+        late = np.flatnonzero(warmth > high - 4)
+        assert (beyond["count"], beyond["start"]) == (len(late), STAMP[late[0]])
+        assert f"{calibrations.T0 - 5:g} K to {high - 5:g} K" in beyond["detail"]
+
+    def test_a_file_that_does_not_say_its_temperatures_is_read(self, tmp_path: Path) -> None:
+        lines = calibrations.triad_text(warm=True).splitlines(keepends=True)
+        kept = [line for line in lines if "lowest_temp" not in line and "highest_temp" not in line]
+        assert len(kept) == len(lines) - 2
+        outputs = RATES @ calibrations.S.T + calibrations.BIAS
+        assert "beyond the calibration" not in said(ingested(tmp_path, outputs, "".join(kept), warm=True))
 
 
 class TestFile:
@@ -253,14 +302,6 @@ class TestRefusal:
             ingested(tmp_path, self.outputs(), calibrations.triad_text(warm=True))
         assert refused.value.exit_code is ExitCode.USAGE
 
-    def test_outputs_that_the_gyro_cannot_have(self, tmp_path: Path) -> None:
-        bent = calibrations.axis_text().replace(
-            '"scale_factor_nonlinearity_3", "value": 0.00015', '"scale_factor_nonlinearity_3", "value": -0.5'
-        )
-        with pytest.raises(GyrostandError, match="cannot be inverted") as refused:
-            ingested(tmp_path, np.full((N, 1), 6.0), bent, warm=True)
-        assert refused.value.exit_code is ExitCode.NOT_MET
-
     @pytest.mark.parametrize(
         ("old", "new", "words"),
         [
@@ -269,6 +310,7 @@ class TestRefusal:
             ('"version": 1', '"version": 2', ["version", "2"]),
             ('"format": "gyrostand calibration"', '"format": "another"', ["format", "'another'"]),
             ('"name": "S12"', '"name": "S21"', ["the parameters of a model, in order"]),
+            ('"unit": "rad/s"', '"unit": "deg/s"', ["input should be", "'rad/s/K'", "'deg/s'"]),
             ('"unit": "rad/s"', '"unit": "1"', ["bias_p in 'rad/s'", "'1'"]),
             ('"value": 1.003', '"value": NaN', ["NaN, which is no number"]),
             ('"value": 1.003', '"value": "1.003"', ["models.0.parameters.0.value", "'1.003'"]),
@@ -280,6 +322,7 @@ class TestRefusal:
             ('"channels": "p q r"', '"channels": "p"', ["the parameters of a model, in order"]),
             ('"largest_rate": 2.0', '"largest_rate": 0.0', ["models.0.largest_rate", "greater than 0"]),
             ('"value": 1.003', '"value": 1e999', ["models.0.parameters.0.value"]),
+            ('"lowest_temperature": null', '"lowest_temperature": 1.0', ["or neither", "1.0, None"]),
         ],
     )  # fmt: skip
     def test_a_damaged_file_gives_one_line(

@@ -22,7 +22,7 @@ FIRST = 1000
 
 
 def of_the_triad(settings: RateTableSettings) -> dict[str, float]:
-    """Scale factors, misalignments and biases of the case of three."""
+    """Scale factors, misalignments, biases and asymmetries of the case of three."""
     n = {axis: settings.gyros[axis].input_axis(axis) for axis in THREE}
     return {
         **{f"scale_factor_{axis}": settings.gyros[axis].scale_factor for axis in THREE},
@@ -33,6 +33,7 @@ def of_the_triad(settings: RateTableSettings) -> dict[str, float]:
             if other != axis
         },
         **{f"bias_{axis}": settings.gyros[axis].bias for axis in THREE},
+        **{f"scale_factor_asymmetry_{axis}": settings.gyros[axis].asymmetry for axis in THREE},
     }
 
 
@@ -90,8 +91,9 @@ def test_errors_of_the_samples_over_many_seeds(tmp_path: Path) -> None:
     three, offsets = normalised(tmp_path, CASE_OF_THREE, "", of_the_triad(CASE_OF_THREE), 200)
     # the band of the requirement: five standard deviations of 1800 values
     assert 0.9 < three[:, :9].std() < 1.1
-    # A noise of 20 s in steps of 10 s is told by the scatter between few of them: up to a fifth too small.
-    assert np.all((three.std(axis=0) > 0.85) & (three.std(axis=0) < 1.3))
+    # A noise of 20 s in steps of 10 s is told by the scatter between few of them. 600 values: 2.9 %
+    assert 0.85 < three[:, 12:].std() < 1.15
+    assert np.all((three.std(axis=0) > 0.85) & (three.std(axis=0) < 1.25))
     assert np.all(np.abs(three.mean(axis=0)) < 4 / np.sqrt(200))
     assert 0.9 < offsets.std() < 1.1  # 600 values: 2.9 %
     one, offset = normalised(tmp_path, WARMING_GYRO, "p", of_the_gyro(WARMING_GYRO), 200)
