@@ -28,14 +28,18 @@ Symbols
     ``alpha1, alpha2``     angles of a two-axis gimbal, outer and inner [rad]
     ``m11 ... mc2``        drift of a non-contact gyro in units of the Earth rate [1]
     ``theta1, theta2``     tilt of its rotor [rad]
+    ``K, b``               scale factor [1] and bias [rad/s] of a gyro on a rate table
+    ``S``                  sensitivity matrix of a triad: row i is K times the unit vector of input axis i [1]
     ``epsilon``            misalignment of the base across the Earth's axis, ``u x Delta chi`` [rad]
 
 Words
     A *recording* is one file or rosbag2 folder; a *test plan* (TOML) says what it holds; a *procedure* is
     a list of *stages*; a stage is a pure function from *tables* to tables; a *contract* in ``schemas/``
     states what a table holds; *findings* mark the data; *metrics* carry limits and a *verdict*. A recording
-    of a gimbal holds one *run* of the gyro or several; an *arc* is an uninterrupted stretch of a run, and
-    its *trajectory* the gimbal angles on an even grid.
+    of a gimbal or of a rate table holds one *run* of the gyro or several; an *arc* is an uninterrupted
+    stretch of a run, and its *trajectory* the gimbal angles on an even grid; a *step* is a stretch in which
+    the table turns at one rate. A *mounting* is how a base or a case is turned in a run; a *calibration* is
+    what corrects the rates of a gyro, by itself or with two others as a *triad*.
 """
 
 from __future__ import annotations

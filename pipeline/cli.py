@@ -188,9 +188,12 @@ def discover(folder: Annotated[Path, typer.Argument(help="Folder of recordings."
 @plan_app.command("check")
 def plan_check(file: Annotated[Path, typer.Argument(help="A test plan (TOML).")]) -> None:
     """Read a test plan and say whether it is right."""
+    from pipeline import discover
     from pipeline.testplan import load_plan
 
     plan = load_plan(file)
+    for recording in discover.recordings_of(file):
+        plan.calibration(recording)
     typer.echo(
         f"{file}: procedure {plan.procedure}, streams {', '.join(plan.streams)}, {len(plan.limits)} limits"
     )
@@ -216,7 +219,11 @@ def calibration_export(
     """Print the calibration of a recording as a file, which a test plan's gyro can name."""
     from pipeline.calibration_export import exported
 
-    typer.echo(exported(out, recording), nl=False)
+    text, weak = exported(out, recording)
+    typer.echo(text, nl=False)
+    if weak:
+        names = ", ".join(weak)
+        typer.echo(f"gyrostand: warning: determined weakly or in combination only: {names}", err=True)
 
 
 @schema_app.command("list")
@@ -291,6 +298,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as fault:
         if os.environ.get("GYROSTAND_TRACEBACK"):
             raise
+        if isinstance(fault, MemoryError):
+            _fail(
+                "memory: expected enough for what was asked, found too little"
+                f"{f' ({fault})' if str(fault) else ''}; ask for fewer samples, or take a larger machine",
+                ExitCode.FAULT,
+            )
         _fail(
             f"internal fault: {type(fault).__name__}: {' '.join(str(fault).split())}; "
             "please report it with what GYROSTAND_TRACEBACK=1 prints",

@@ -50,6 +50,12 @@ def recordings(folder: Path) -> list[Path]:
     return whole or found  # of plans that name each other's: each says itself what is wrong
 
 
+def recordings_of(plan: Path) -> list[Path]:
+    """The recordings beside a test plan that are taken by it, by name."""
+    beside = [path for path in sorted(plan.parent.iterdir()) if _is_recording(path) and path.exists()]
+    return [path for path in beside if _is_plan_of(plan, path)]
+
+
 def expand(paths: Sequence[Path]) -> list[Path]:
     """Recordings as they are, and for each plain folder the recordings in it."""
     expanded: list[Path] = []
@@ -125,6 +131,13 @@ def _is_recording(path: Path) -> bool:
     name = path.name.lower()
     packed = next((c for c in COMPRESSIONS if name.endswith(c)), "")
     return name.removesuffix(packed).endswith(SUFFIXES)
+
+
+def _is_plan_of(plan: Path, recording: Path) -> bool:
+    try:
+        return find_plan(recording) == plan
+    except PlanError:
+        return False
 
 
 def _files(recording: Path) -> list[Path]:

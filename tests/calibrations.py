@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pipeline.models.rate_table import Terms
+from pipeline.models.rate_table_model import Terms
+from pipeline.models.rate_table_triad_model import triad_names
 from pipeline.stages._calibration_file import text_of
 from pipeline.stages.base import rows
 
@@ -19,8 +20,13 @@ S = np.array([[1.003, 0.002, -0.001], [0.0015, 0.998, 0.0025], [-0.002, 0.0005, 
 BIAS = np.array([2e-4, -3e-4, 5e-4])
 WARM = np.array([1e-6, -2e-6, 3e-6])
 T0 = 293.15
+WARMTH = (-5.0, 20.0)
+"""Between which it was calibrated, about `T0` [K]."""
 TRIAD = (*(f"S{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), *(f"bias_{c}" for c in "pqr"))
 TRIAD_WARM = (*TRIAD, *(f"bias_temperature_sensitivity_{c}" for c in "pqr"))
+BENT = Terms(asymmetry=True, nonlinearity=(3,), scale_factor_temperature=True)
+OWN = np.array([[2e-4, -1e-4, 3e-4], [1.5e-4, -2e-4, 1e-4], [3e-5, -2e-5, 5e-5]])
+"""Of `BENT`, for p, q and r."""
 TERMS = Terms(asymmetry=True, nonlinearity=(3,), bias_temperature=True, scale_factor_temperature=True)
 AXIS = np.array([3e-4, 1.002, 200e-6, 150e-6, 1e-6, 5e-5])
 """Of `TERMS`, in their order."""
@@ -60,19 +66,22 @@ def tables_of(
 ) -> tuple[pa.Table, pa.Table]:
     """The tables ``calibration`` and ``calibration_covariance``, with a derived row that is for people."""
     thermal = any("temperature" in name for name in names)
-    common = {"method": "rates", "gyro": gyro, "largest_rate": LARGEST}
-    common["reference_temperature"] = T0 if thermal else None
+    common: dict[str, Any] = {"method": "rates", "gyro": gyro, "largest_rate": LARGEST}
+    low, high = WARMTH
+    temperatures = {"reference": T0, "lowest": T0 + low, "highest": T0 + high}
+    common |= {f"{key}_temperature": value if thermal else None for key, value in temperatures.items()}
     parameters: list[dict[str, Any]] = [
         {
             **common,
             "parameter": name,
-            "value": float(one),
-            "standard_error": float(np.sqrt(covariance[k, k])),
+            "value": None if state == "undetermined" else float(one),
+            "standard_error": None if state == "undetermined" else float(np.sqrt(covariance[k, k])),
             "unit": unit(name),
-            "state": (states or {}).get(name, "determined"),
+            "state": state,
             "role": "model",
         }
         for k, (name, one) in enumerate(zip(names, value, strict=True))
+        for state in [(states or {}).get(name, "determined")]
     ]
     derived = {"parameter": "step_scatter", "value": 1e-9, "standard_error": None, "unit": "rad/s"}
     parameters.append({**common, **derived, "state": "determined", "role": "derived"})
@@ -98,6 +107,22 @@ def triad_tables(*, warm: bool = False, **more: Any) -> tuple[pa.Table, pa.Table
 
 def triad_text(*, warm: bool = False, **more: Any) -> str:
     return text_of("table", *triad_tables(warm=warm, **more), PROVENANCE)
+
+
+def bent_text() -> str:
+    """A triad whose gyros have terms of their own."""
+    value = np.concatenate([S.ravel(), BIAS, OWN.ravel()])
+    names = triad_names(BENT, "pqr")
+    return text_of("table", *tables_of("", names, value, covariance_of(np.abs(value))), PROVENANCE)
+
+
+def bent_output(rate: Float, warmth: Float) -> Float:
+    """What the gyros of `bent_text` give, by the formula of the standards; shapes (n, 3) and (n,)."""
+    K = np.linalg.norm(S, axis=1)
+    w = rate @ (S / K[:, np.newaxis]).T
+    a, c, e = OWN
+    braces = w + a * np.abs(w) / 2 + c * LARGEST * (w / LARGEST) ** 3 + e * warmth[:, np.newaxis] * w
+    return np.asarray(K * braces + BIAS, dtype=np.float64)
 
 
 def axis_tables(gyro: str = "q") -> tuple[pa.Table, pa.Table]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,47 +14,40 @@ from pipeline.formats.base import RecordingError
 from pipeline.runner import fingerprint, run
 from pipeline.storage import StorageError
 
-GIMBAL = """
-[streams.gimbal]
-quantity = "gimbal_angles"
-channels.alpha1 = { field = "psi", unit = "rad" }
-channels.alpha2 = { field = "theta", unit = "rad" }
-
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "vertical.csv"
+"""A run of 1441 samples, of the procedure drift."""
+RUNS = """
 [[runs]]
 name = "one"
-scheme = "polar"
-latitude_deg = 55.75
 
 [[runs]]
 name = "two"
 recording = "run2.csv"
-scheme = "vertical"
-latitude_deg = 55.75
 """
 
 
 @pytest.fixture
-def pair(csv_recording: Path) -> Path:
+def pair(tmp_path: Path) -> Path:
     """A recording whose plan names another as its second run."""
-    plan = csv_recording.with_suffix(".toml")
-    head, _, tail = plan.read_text().partition("[streams.reference]")
-    plan.write_text(head + "[streams.reference]" + tail + GIMBAL)
-    second = csv_recording.with_name("run2.csv")
-    second.write_text(csv_recording.read_text())
-    return csv_recording
+    recording = tmp_path / "run1.csv"
+    for name in ("run1.csv", "run2.csv"):
+        shutil.copyfile(SAMPLE, tmp_path / name)
+    plan, _, _ = SAMPLE.with_suffix(".toml").read_text().partition("# arcsec; that of the encoders")
+    recording.with_suffix(".toml").write_text(plan + RUNS)
+    return recording
 
 
 def test_a_run_is_up_to_date_until_a_further_recording_changes(pair: Path, tmp_path: Path) -> None:
     out, second = tmp_path / "out", pair.with_name("run2.csv")
     assert not run(pair, out).up_to_date
-    assert storage.read(out, "run1", "gimbal").num_rows == 402
+    assert storage.read(out, "run1", "gimbal").num_rows == 2882
     content = second.read_text()
     second.write_text(content)
     os.utime(second, (0, 0))
     assert run(pair, out).up_to_date  # the same bytes, whatever their date
     second.write_text("\n".join(content.splitlines()[:-1]) + "\n")
     assert not run(pair, out).up_to_date
-    assert storage.read(out, "run1", "gimbal").num_rows == 401
+    assert storage.read(out, "run1", "gimbal").num_rows == 2881
     assert run(pair, out).up_to_date
     provenance = storage.read(out, "run1", "provenance").to_pylist()[0]
     assert provenance["recording_bytes"] == pair.stat().st_size + second.stat().st_size

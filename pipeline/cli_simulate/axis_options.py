@@ -27,6 +27,8 @@ ANGLE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
         "rad/s/sqrt(Hz)": 1.0,
     }
 )
+DEFAULT_WHITE = "0.01 deg/sqrt(h)"
+"""Of an axis of which no noise is given: a record without any is constant at rest, as no gyro's is."""
 RATE_RANDOM_WALK: Mapping[str, float] = MappingProxyType(
     {"deg/h/sqrt(h)": _DEGREE / 3600 / 60, "deg/s/sqrt(s)": _DEGREE, "rad/s/sqrt(s)": 1.0}
 )
@@ -62,7 +64,7 @@ def of_axis(axis: Axis, known: Sequence[Axis], option: str, texts: Sequence[str]
                 remedy="correct it, or add it to --axes",
             )
         elif match[1] == axis:
-            yield match[2]
+            yield match[2].strip()
 
 
 def coefficient(option: str, text: str, factors: Mapping[str, float], *, signed: bool = False) -> float:
@@ -89,7 +91,7 @@ def noise_term(option: str, text: str) -> Term:
     """``SIGMA UNIT, MU [LAMBDA] UNIT`` as a term."""
     from pipeline.models.random_error import Noise1, Noise2, Noise3
 
-    sigma, comma, rest = text.partition(",")
+    sigma, comma, rest = (part.strip() for part in text.partition(","))
     if not comma:
         example = "2 deg/h, 0.01 rad/s" if option == "--noise1" else "2 deg/h, 0.01 0.05 rad/s"
         raise OptionError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -13,22 +12,16 @@ from pipeline.cli_simulate.options import (
     LogDelay,
     LogJitter,
     NanBurst,
+    Output,
     RecordingPath,
     RepeatedSample,
     SampleJitter,
     Seed,
     StampNoise,
     quantity,
-    span,
+    timing_errors,
     triple,
 )
-
-
-class Output(StrEnum):
-    """What the gyro gives."""
-
-    ANGULAR_RATE = "angular_rate"
-    ANGLE_INCREMENT = "angle_increment"
 
 
 def coning(
@@ -77,7 +70,7 @@ def coning(
     The defaults are the experiment of Godorov & Lutmanov (2016).
     """
     from pipeline.simulate.coning import ConingSettings, simulate_coning
-    from pipeline.simulate.imperfections import GyroErrors, TimingErrors
+    from pipeline.simulate.imperfections import GyroErrors
 
     step = "angular rate" if output is Output.ANGULAR_RATE else "angle"
     settings = ConingSettings(
@@ -98,16 +91,16 @@ def coning(
             quantum=0.0 if quantum is None else quantity("--quantum", quantum, step),
             mounting=triple("--mounting", mounting, "angle"),
         ),
-        timing=TimingErrors(
-            sample_jitter=sample_jitter,
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
             clock_offset=clock_offset,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
+            sample_jitter=sample_jitter,
         ),
         reference_noise=quantity("--reference-noise", reference_noise, "angle"),
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli_simulate.options import (
+    AngleUnit,
     BackwardStamp,
     Gap,
     LogDelay,
@@ -21,10 +22,11 @@ from pipeline.cli_simulate.options import (
     SampleJitter,
     Seed,
     StampNoise,
+    angle,
     numbers,
     pair,
     quantity,
-    span,
+    timing_errors,
     triple,
 )
 
@@ -39,13 +41,6 @@ class Scheme(StrEnum):
     EQUATORIAL = "equatorial"
     HORIZONTAL = "horizontal"
     VERTICAL = "vertical"
-
-
-class AngleUnit(StrEnum):
-    """Unit of the recorded angles."""
-
-    RAD = "rad"
-    DEG = "deg"
 
 
 _RUN_KEYS: Mapping[str, str] = MappingProxyType(
@@ -125,7 +120,7 @@ def drift(
     """Simulate a non-contact gyro in a gimbal; write the recording, its test plan (.toml) and its truth."""
     from pipeline.simulate.drift import simulate_drift
     from pipeline.simulate.drift_settings import DriftSettings, Encoder
-    from pipeline.simulate.imperfections import EncoderErrors, TimingErrors
+    from pipeline.simulate.imperfections import EncoderErrors
 
     of_all_runs = {
         "name": "",
@@ -138,7 +133,7 @@ def drift(
     }
     drifts = {"m11": m11, "m12": m12, "m21": m21, "m22": m22, "mc1": mc1, "mc2": mc2}
     settings = DriftSettings(
-        latitude=quantity("--latitude", latitude, "angle"),
+        latitude=angle("--latitude", latitude, -90, 90),
         m=_six([_drift(f"--{name}", text, 1)[0] for name, text in drifts.items()]),
         theta=pair("--theta", theta, "angle"),
         runs=tuple(_run(of_all_runs | _of_one_run(text)) for text in run or [""]),
@@ -155,15 +150,15 @@ def drift(
             outlier_share=outlier_share,
             outlier_size=quantity("--outlier-size", outlier_size, "angle"),
         ),
-        timing=TimingErrors(
-            sample_jitter=sample_jitter,
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
+            sample_jitter=sample_jitter,
         ),
     )
     for written in simulate_drift(settings, seed).write(path):

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.errors import ExitCode, GyrostandError
+
+if TYPE_CHECKING:
+    from pipeline.simulate.imperfections import TimingErrors
 
 RecordingPath = Annotated[
     Path,
@@ -32,6 +38,27 @@ _GLUED = re.compile(r"[-+]?\d[\d.]*(?:[eE][-+]?\d+)?(?P<unit>\D.*)")
 """A number and its unit without a blank between."""
 
 
+class Output(StrEnum):
+    """What the gyro gives."""
+
+    ANGULAR_RATE = "angular_rate"
+    ANGLE_INCREMENT = "angle_increment"
+
+
+class Table(StrEnum):
+    """What is recorded of a table."""
+
+    TABLE_ANGLE = "table_angle"
+    TABLE_RATE = "table_rate"
+
+
+class AngleUnit(StrEnum):
+    """Unit of recorded angles and of those in rates."""
+
+    RAD = "rad"
+    DEG = "deg"
+
+
 class OptionError(GyrostandError):
     """An option's value is not what it should be."""
 
@@ -41,6 +68,19 @@ class OptionError(GyrostandError):
 def quantity(option: str, text: str, dimension: str) -> float:
     """A number with its unit, such as ``1 deg``, in SI and radians."""
     (value,) = numbers(option, text, dimension, 1)
+    return value
+
+
+def angle(option: str, text: str, least: float, most: float) -> float:
+    """An angle with its unit, such as ``55.75 deg``, in radians; its range is given in degrees."""
+    value = quantity(option, text, "angle")
+    if not math.radians(least) <= value <= math.radians(most):
+        raise OptionError(
+            option,
+            expected=f"an angle from {least:g} to {most:g} deg",
+            found=repr(text),
+            remedy="choose another value",
+        )
     return value
 
 
@@ -102,6 +142,28 @@ def _floats(texts: list[str]) -> list[float]:
         return []
 
 
+def only_with(needed: str, given: object, **options: bool) -> None:
+    """Refuse options that were given though what they are about is not there.
+
+    Parameters
+    ----------
+    needed : str
+        The option that says it is.
+    given : object
+        Its value; None where it was not given.
+    **options : bool
+        Name of each option, with ``_`` for ``-``, and whether it was given.
+    """
+    for name, there in options.items():
+        if there and given is None:
+            raise OptionError(
+                f"--{name.replace('_', '-')}",
+                expected=f"{needed}, without which it says nothing",
+                found=f"no {needed}",
+                remedy=f"give {needed}, or leave it out",
+            )
+
+
 def span(option: str, text: str) -> tuple[float, float]:
     """``START:LENGTH`` in seconds."""
     start, _, length = text.partition(":")
@@ -111,3 +173,31 @@ def span(option: str, text: str) -> tuple[float, float]:
         raise OptionError(
             option, expected="START:LENGTH in seconds", found=repr(text), remedy="for example 0.5:0.02"
         ) from None
+
+
+def timing_errors(
+    gap: Sequence[str] | None,
+    nan_burst: Sequence[str] | None,
+    backward_stamp: Sequence[float] | None,
+    repeated_sample: Sequence[float] | None,
+    log_delay: float,
+    log_jitter: float,
+    *,
+    stamp_noise: float,
+    sample_jitter: float = 0.0,
+    clock_offset: float = 0.0,
+) -> TimingErrors:
+    """What is wrong with stamps and transport, from the options that every simulator has."""
+    from pipeline.simulate.imperfections import TimingErrors
+
+    return TimingErrors(
+        sample_jitter=sample_jitter,
+        stamp_noise=stamp_noise,
+        clock_offset=clock_offset,
+        gaps=[span("--gap", text) for text in gap or ()],
+        nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
+        backward_stamps=backward_stamp or (),
+        repeated_samples=repeated_sample or (),
+        log_delay=log_delay,
+        log_jitter=log_jitter,
+    )

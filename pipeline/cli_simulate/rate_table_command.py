@@ -15,6 +15,7 @@ import typer
 
 from pipeline.cli_simulate.axis_options import (
     ANGLE_RANDOM_WALK,
+    DEFAULT_WHITE,
     RATE_RANDOM_WALK,
     coefficient,
     known_axes,
@@ -22,6 +23,7 @@ from pipeline.cli_simulate.axis_options import (
     of_axis,
 )
 from pipeline.cli_simulate.options import (
+    AngleUnit,
     BackwardStamp,
     Gap,
     LogDelay,
@@ -32,10 +34,13 @@ from pipeline.cli_simulate.options import (
     RepeatedSample,
     Seed,
     StampNoise,
+    Table,
+    angle,
     numbers,
+    only_with,
     pair,
     quantity,
-    span,
+    timing_errors,
 )
 
 if TYPE_CHECKING:
@@ -52,20 +57,17 @@ class Method(StrEnum):
     POSITIONS = "positions"
 
 
-class Table(StrEnum):
-    """What is recorded of the table."""
-
-    TABLE_ANGLE = "table_angle"
-    TABLE_RATE = "table_rate"
-
-
-class AngleUnit(StrEnum):
-    """Unit of recorded angles and of those in rates."""
-
-    RAD = "rad"
-    DEG = "deg"
-
-
+_OWN: Mapping[tuple[Method, ...], tuple[str, ...]] = MappingProxyType(
+    {
+        (Method.RATES,): (
+            "mounting", "apart", "rates", "dwell", "acceleration", "ripple", "ripple_harmonic", "heading",
+            "tilt", "table", "table_rate", "table_noise", "counts_per_turn", "as_counts", "wrapped",
+        ),
+        (Method.TURNS,): ("turns", "angle_error"),
+        (Method.TURNS, Method.POSITIONS): ("rest", "moving"),
+    }
+)  # fmt: skip
+"""Options that mean something for these methods only."""
 _DEGREE = math.pi / 180
 _PART: Mapping[str, float] = MappingProxyType({"ppm": 1e-6, "%": 1e-2, "1": 1.0})
 _ACCELERATION: Mapping[str, float] = MappingProxyType({"deg/s/s": _DEGREE, "rad/s/s": 1.0})
@@ -76,6 +78,7 @@ _PART_BY_TEMPERATURE: Mapping[str, float] = MappingProxyType({"ppm/K": 1e-6, "%/
 
 
 def rate_table(
+    context: typer.Context,
     path: RecordingPath,
     method: Annotated[
         Method, typer.Option(help="By rates of a table, turns by hand, or six positions.")
@@ -125,7 +128,11 @@ def rate_table(
     temperature_noise: Annotated[float, typer.Option(help="1 sigma of it, K.")] = 0.0,
     reference_temperature: Annotated[str, typer.Option(help="Of bias and scale factor.")] = "20 degC",
     white: Annotated[
-        list[str] | None, typer.Option(help="Angle random walk N, such as '0.01 deg/sqrt(h)'.")
+        list[str] | None,
+        typer.Option(
+            help="Angle random walk N, such as '0.02 deg/sqrt(h)'; 0.01 deg/sqrt(h) for "
+            "an axis without any noise."
+        ),
     ] = None,
     noise1: Annotated[
         list[str] | None, typer.Option(help="sigma, mu, such as '2 deg/h, 0.01 rad/s'; repeatable.")
@@ -140,8 +147,12 @@ def rate_table(
     latitude: Annotated[
         str | None, typer.Option(help="Of the stand, with unit: the gyros measure the Earth's rotation.")
     ] = None,
-    heading: Annotated[str, typer.Option(help="Azimuth of the table's axis 1, with unit.")] = "0 deg",
-    tilt: Annotated[str, typer.Option(help="Of the axis of rotation from the vertical.")] = "0 deg",
+    heading: Annotated[
+        str | None, typer.Option(help="Azimuth of the table's axis 1, with unit; with --latitude.")
+    ] = None,
+    tilt: Annotated[
+        str | None, typer.Option(help="Of the axis of rotation from the vertical; with --latitude.")
+    ] = None,
     orientation_error: Annotated[
         str, typer.Option(help="1 sigma of a mounting, position or axis of a turn, with unit.")
     ] = "0 rad",
@@ -172,11 +183,23 @@ def rate_table(
     non-linearity and noise 1 all are summed.
     """
     from pipeline.simulate.drift_settings import Encoder
-    from pipeline.simulate.imperfections import TimingErrors
     from pipeline.simulate.rate_table import simulate_rate_table
     from pipeline.simulate.rate_table_settings import Hand, Profile, RateTableSettings, TableSensor
 
+    only_with("--latitude", latitude, tilt=tilt is not None, heading=heading is not None)
     known = known_axes(axes)
+    _refuse_unused(context, method)
+    if method is Method.POSITIONS and latitude is None:
+        raise OptionError(
+            "--latitude", expected="it, for six positions", found="none", remedy="for example '55.75 deg'"
+        )
+    if temperature is None and (bias_temperature or scale_factor_temperature):
+        raise OptionError(
+            "--bias-temperature" if bias_temperature else "--scale-factor-temperature",
+            expected="a course of the temperature beside it",
+            found="no --temperature",
+            remedy="for example --temperature '0:15 degC' --temperature '600:35 degC'",
+        )
     single = {
         "--scale-factor-error": scale_factor_error, "--asymmetry": asymmetry, "--bias": bias,
         "--misalignment": misalignment, "--bias-temperature": bias_temperature,
@@ -206,9 +229,9 @@ def rate_table(
         full_scale=None if full_scale is None else quantity("--full-scale", full_scale, "angular rate"),
         quantum=0.0 if quantum is None else quantity("--quantum", quantum, "angular rate"),
         counts_per_unit=counts_per_unit,
-        latitude=None if latitude is None else quantity("--latitude", latitude, "angle"),
-        heading=quantity("--heading", heading, "angle"),
-        tilt=quantity("--tilt", tilt, "angle"),
+        latitude=None if latitude is None else angle("--latitude", latitude, -90, 90),
+        heading=quantity("--heading", heading or "0 deg", "angle"),
+        tilt=angle("--tilt", tilt or "0 deg", 0, 180),
         orientation_error=quantity("--orientation-error", orientation_error, "angle"),
         angle_error=quantity("--angle-error", angle_error, "angle"),
         bias_error=quantity("--bias-error", bias_error, "angular rate"),
@@ -220,20 +243,38 @@ def rate_table(
         ),
         temperature=_thermometer(temperature, temperature_rate, temperature_noise),
         reference_temperature=_kelvin("--reference-temperature", reference_temperature),
-        timing=TimingErrors(
-            clock_offset=clock_offset,
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
+            clock_offset=clock_offset,
         ),
     )
     written = simulate_rate_table(settings, seed).write(path, angle_unit=unit.value, apart=apart)
     for one in written:
         typer.echo(one)
+
+
+def _refuse_unused(context: typer.Context, method: Method) -> None:
+    """Refuse options that are given and mean nothing for the method."""
+    for other, names in _OWN.items():
+        given = [name for name in names if _is_given(context, name)]
+        if method not in other and given:
+            raise OptionError(
+                f"--{given[0].replace('_', '-')}",
+                expected=f"it only beside --method {' or '.join(other)}",
+                found=f"--method {method}",
+                remedy="remove it, or choose another method",
+            )
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def _gyro(
@@ -249,7 +290,9 @@ def _gyro(
     last = dict.fromkeys(single, "") | {
         option: text for option, texts in single.items() for text in of_axis(axis, known, option, texts)
     }
-    N = coefficient("--white", last["--white"], ANGLE_RANDOM_WALK)
+    noises = [last["--white"], last["--rate-random-walk"]]
+    noises += of_axis(axis, known, "--noise1", summed["--noise1"])
+    N = coefficient("--white", last["--white"] or ("" if any(noises) else DEFAULT_WHITE), ANGLE_RANDOM_WALK)
     K = coefficient("--rate-random-walk", last["--rate-random-walk"], RATE_RANDOM_WALK)
     terms: list[Term] = [White(N**2)] if N else []
     terms += [noise_term("--noise1", text) for text in of_axis(axis, known, "--noise1", summed["--noise1"])]

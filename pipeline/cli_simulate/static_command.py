@@ -6,13 +6,13 @@ An option about the errors of an axis holds for all axes, or, begun by ``p:``, `
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli_simulate.axis_options import (
     ANGLE_RANDOM_WALK,
+    DEFAULT_WHITE,
     RAMP,
     RATE_RANDOM_WALK,
     coefficient,
@@ -27,31 +27,21 @@ from pipeline.cli_simulate.options import (
     LogJitter,
     NanBurst,
     OptionError,
+    Output,
     RecordingPath,
     RepeatedSample,
     Seed,
     StampNoise,
+    Table,
+    angle,
+    only_with,
     quantity,
-    span,
+    timing_errors,
 )
 
 if TYPE_CHECKING:
     from pipeline.models.random_error import Term
     from pipeline.simulate.static_settings import Axis, AxisErrors, Disturbance
-
-
-class Output(StrEnum):
-    """What the gyro gives."""
-
-    ANGULAR_RATE = "angular_rate"
-    ANGLE_INCREMENT = "angle_increment"
-
-
-class Table(StrEnum):
-    """What is recorded of the platform."""
-
-    TABLE_ANGLE = "table_angle"
-    TABLE_RATE = "table_rate"
 
 
 def static(
@@ -62,7 +52,10 @@ def static(
     output: Annotated[Output, typer.Option(help="What the gyro gives.")] = Output.ANGLE_INCREMENT,
     white: Annotated[
         list[str] | None,
-        typer.Option(help="Angle random walk N, such as '0.01 deg/sqrt(h)' or 'q: 0.02 deg/sqrt(h)'."),
+        typer.Option(
+            help="Angle random walk N, such as 'q: 0.02 deg/sqrt(h)'; 0.01 deg/sqrt(h) for "
+            "an axis without any noise."
+        ),
     ] = None,
     noise1: Annotated[
         list[str] | None,
@@ -93,11 +86,16 @@ def static(
     latitude: Annotated[
         str | None, typer.Option(help="Of the stand, with unit: the gyro measures the Earth's rotation.")
     ] = None,
-    tilt: Annotated[str, typer.Option(help="Of axis r from the vertical to the north.")] = "0 deg",
+    tilt: Annotated[
+        str | None, typer.Option(help="Of axis r from the vertical to the north; with --latitude.")
+    ] = None,
     turning: Annotated[
         str | None, typer.Option(help="Rate at which the platform turns about axis r, with unit.")
     ] = None,
-    table: Annotated[Table, typer.Option(help="What is recorded of the platform.")] = Table.TABLE_ANGLE,
+    table: Annotated[
+        Table | None,
+        typer.Option(help="What is recorded of the platform; table_angle where nothing is said."),
+    ] = None,
     wrapped: Annotated[bool, typer.Option("--wrapped", help="Its angle begins again after a turn.")] = False,
     motion: Annotated[
         list[str] | None,
@@ -120,10 +118,11 @@ def static(
     An error's option holds for all axes, or for one: 'q: 0.02 deg/sqrt(h)'. The last that fits stands; of
     noise 1, 2 and 3 all are summed.
     """
-    from pipeline.simulate.imperfections import TimingErrors
     from pipeline.simulate.static import simulate_static
     from pipeline.simulate.static_settings import StaticSettings, Turning
 
+    only_with("--latitude", latitude, tilt=tilt is not None)
+    only_with("--turning", turning, table=table is not None, wrapped=wrapped)
     step = "angular rate" if output is Output.ANGULAR_RATE else "angle"
     known = known_axes(axes)
     coloured = (("--noise1", noise1), ("--noise2", noise2), ("--noise3", noise3))
@@ -137,25 +136,27 @@ def static(
         duration=3600.0 * hours,
         output=output.value,
         quantum=0.0 if quantum is None else quantity("--quantum", quantum, step),
-        latitude=None if latitude is None else quantity("--latitude", latitude, "angle"),
-        tilt=quantity("--tilt", tilt, "angle"),
+        latitude=None if latitude is None else angle("--latitude", latitude, -90, 90),
+        tilt=angle("--tilt", tilt or "0 deg", -90, 90),
         turning=None
         if turning is None
         else Turning(
-            rate=quantity("--turning", turning, "angular rate"), quantity=table.value, wrapped=wrapped
+            rate=quantity("--turning", turning, "angular rate"),
+            quantity=(table or Table.TABLE_ANGLE).value,
+            wrapped=wrapped,
         ),
         disturbances=[
             *(_disturbance("--motion", text, returns=False) for text in motion or ()),
             *(_disturbance("--tap", text, returns=True) for text in tap or ()),
         ],
-        timing=TimingErrors(
+        timing=timing_errors(
+            gap,
+            nan_burst,
+            backward_stamp,
+            repeated_sample,
+            log_delay,
+            log_jitter,
             stamp_noise=stamp_noise,
-            gaps=[span("--gap", text) for text in gap or ()],
-            nan_bursts=[span("--nan-burst", text) for text in nan_burst or ()],
-            backward_stamps=backward_stamp or (),
-            repeated_samples=repeated_sample or (),
-            log_delay=log_delay,
-            log_jitter=log_jitter,
         ),
     )
     for written in simulate_static(settings, seed).write(path):
@@ -175,7 +176,10 @@ def _errors(
     last = dict.fromkeys(sizes, "") | {
         option: text for option, texts in sizes.items() for text in of_axis(axis, known, option, texts)
     }
-    N = coefficient("--white", last["--white"], ANGLE_RANDOM_WALK)
+    noises = [last[option] for option in ("--white", "--rate-random-walk", "--quantisation")]
+    for option, texts in coloured:
+        noises += of_axis(axis, known, option, texts)
+    N = coefficient("--white", last["--white"] or ("" if any(noises) else DEFAULT_WHITE), ANGLE_RANDOM_WALK)
     K = coefficient("--rate-random-walk", last["--rate-random-walk"], RATE_RANDOM_WALK)
     terms: list[Term] = [White(N**2)] if N else []
     for option, texts in coloured:
@@ -195,8 +199,10 @@ def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:
     from pipeline.simulate.static_settings import Disturbance
 
     start, _, rest = text.partition(":")
-    length, _, angle = rest.partition(":")
+    length, _, turned = rest.partition(":")
     try:
+        if not turned.strip():
+            raise ValueError
         times = float(start), float(length)
     except ValueError:
         raise OptionError(
@@ -206,5 +212,5 @@ def _disturbance(option: str, text: str, *, returns: bool) -> Disturbance:
             remedy="for example '3600:2:10 arcsec'",
         ) from None
     return Disturbance(
-        start=times[0], length=times[1], angle=quantity(option, angle, "angle"), returns=returns
+        start=times[0], length=times[1], angle=quantity(option, turned, "angle"), returns=returns
     )

@@ -24,7 +24,6 @@ from pipeline.models import earth
 from pipeline.models.rate_table_noise import noise_of_means, standard_errors
 from pipeline.models.rate_table_observations import Observations, joined, turned_by
 from pipeline.models.rate_table_steps import RateTableError
-from pipeline.numerics.sampling import runs
 
 Float = NDArray[np.float64]
 
@@ -102,7 +101,7 @@ def observe_positions(
     u = earth.RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     errors = standard_errors(stretches)
     parts = []
-    for number, (stretch, C, error) in enumerate(zip(stretches, positions, errors, strict=True), start=1):
+    for number, (stretch, C, error) in enumerate(zip(stretches, positions, errors, strict=True)):
         rate = (C @ u)[np.newaxis]
         unknown, names = turned_by(rate, orientation_error, f"position_{number}")
         parts.append(Observations(rate, stretch.mean(axis=0)[np.newaxis], error[np.newaxis], unknown, names))
@@ -138,7 +137,7 @@ def observe_turns(time: Float, gyro: Float, turns: Sequence[Turn]) -> Observatio
         )
     noise = noise_of_means([gyro[place] for place in rest])
     parts = []
-    for number, (place, turn) in enumerate(zip(places, turns, strict=True), start=1):
+    for number, (place, turn) in enumerate(zip(places, turns, strict=True)):
         t = time[place]
         mean = np.trapezoid(gyro[place], t, axis=0) / (t[-1] - t[0])
         error = np.array([channel.standard_error(len(t)) for channel in noise])
@@ -147,38 +146,6 @@ def observe_turns(time: Float, gyro: Float, turns: Sequence[Turn]) -> Observatio
         rate = known + turn.earth_rate
         parts.append(Observations(rate, mean[np.newaxis], error[np.newaxis], unknown, names))
     return joined(parts)
-
-
-def find_turns(time: Float, gyro: Float, *, threshold: float, shortest: float, margin: float) -> Float:
-    """Stretches of a record in which the case turns.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        [s].
-    gyro : ndarray, shape (n, 3)
-        Less the bias.
-    threshold : float
-        Length of the output vector above which the case turns.
-    shortest : float
-        Length of a rest below which two stretches are one, and of a stretch that counts [s].
-    margin : float
-        To be added at either end [s]: for the slow beginning and end of a turn.
-
-    Returns
-    -------
-    ndarray, shape (m, 2)
-        Start and stop [s].
-    """
-    moving = runs(np.linalg.norm(gyro, axis=1) > threshold)
-    if not len(moving):
-        return np.empty((0, 2))
-    start, stop = time[moving.start], time[moving.stop - 1]
-    apart = start[1:] - stop[:-1] > shortest
-    ends = np.stack([start[np.append(True, apart)], stop[np.append(apart, True)]], axis=1)
-    ends = ends[ends[:, 1] - ends[:, 0] >= shortest]
-    ends = ends + np.array([-margin, margin])
-    return np.asarray(np.clip(ends, time[0], time[-1]), dtype=np.float64)
 
 
 def _samples(time: Float, turn: Turn) -> slice:

@@ -8,7 +8,7 @@ of unit variance: ``w = w_known + B xi``. Observations that share an xi share th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ class Observations:
         Their names.
     temperature : ndarray, shape (m,), optional
         [K].
+    apart : ndarray, shape (m, m), optional
+        Time between each two [s], infinite between records. Where it is not known, what scatters between
+        observations is taken as independent.
     """
 
     rate: Float
@@ -44,6 +47,7 @@ class Observations:
     unknown: Float
     unknowns: tuple[str, ...]
     temperature: Float | None = None
+    apart: Float | None = None
 
     def __len__(self) -> int:
         """How many observations."""
@@ -56,6 +60,8 @@ class Run:
 
     Attributes
     ----------
+    name : str
+        Of the run, in the names of its unknowns.
     steps : Steps
         Of three channels.
     to_case : ndarray, shape (3, 3)
@@ -69,6 +75,7 @@ class Run:
         To take out the Earth's rate; None leaves it in.
     """
 
+    name: str
     steps: Steps
     to_case: Float
     orientation_error: float
@@ -78,6 +85,8 @@ class Run:
 
 def joined(parts: Sequence[Observations]) -> Observations:
     """Observations of several runs or methods together; unknowns of the same name are the same.
+
+    The time between them is not known here.
 
     Raises
     ------
@@ -138,10 +147,31 @@ def observe_runs(runs: Sequence[Run]) -> Observations:
     Where a step's table angle has no known zero and less than a turn was made, the Earth's rate across the
     table's axis is an unknown of its own.
     """
-    return joined([_observe_run(run, number) for number, run in enumerate(runs, start=1)])
+    return joined([_observe_run(run) for run in runs])
 
 
-def _observe_run(run: Run, number: int) -> Observations:
+def with_bias(observed: Observations, error: float, name: str) -> Observations:
+    """Observations whose biases differ from those of all others by unknowns that they share.
+
+    Parameters
+    ----------
+    observed : Observations
+    error : float
+        Standard deviation of the biases about those of all, as rates [rad/s]; 0 gives no unknowns.
+    name : str
+        Of what they share.
+    """
+    if error == 0:
+        return observed
+    bias = np.tile(error * np.eye(3), (len(observed), 1, 1))
+    return replace(
+        observed,
+        unknown=np.concatenate([observed.unknown, bias], axis=2),
+        unknowns=(*observed.unknowns, *(f"bias_{i}_{name}" for i in AXES)),
+    )
+
+
+def _observe_run(run: Run) -> Observations:
     steps = run.steps
     on_rotor = np.outer(steps.rate, [0.0, 0.0, 1.0])
     free: list[int] = []
@@ -151,19 +181,18 @@ def _observe_run(run: Run, number: int) -> Observations:
         free = np.flatnonzero(np.isnan(steps.turn[:, 0])).tolist()
         across = run.axis.across
     rate = on_rotor @ run.to_case.T
-    turned, names = turned_by(rate, run.orientation_error, f"run_{number}")
-    bias = np.tile(run.bias_error * np.eye(3), (len(steps), 1, 1))[:, :, : 3 if run.bias_error else 0]
-    biases = [f"bias_{i}_run_{number}" for i in AXES][: bias.shape[2]]
+    turned, names = turned_by(rate, run.orientation_error, run.name)
     phase = np.zeros((len(steps), 3, 2 * len(free)))
     for n, step in enumerate(free):
         # of random phase: a variance of half the square in either direction
         phase[step, :, 2 * n : 2 * n + 2] = across / np.sqrt(2) * run.to_case[:, :2]
-    phases = [f"earth_rate_{i}_run_{number}_step_{step + 1}" for step in free for i in (1, 2)]
-    return Observations(
+    phases = [f"earth_rate_{i}_{run.name}_step_{step}" for step in free for i in (1, 2)]
+    observed = Observations(
         rate,
         steps.gyro,
         steps.standard_error,
-        np.concatenate([turned, bias, phase], axis=2),
-        (*names, *biases, *phases),
+        np.concatenate([turned, phase], axis=2),
+        (*names, *phases),
         steps.temperature,
     )
+    return with_bias(observed, run.bias_error, run.name)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.models import earth
 from pipeline.models.rate_table_noise import standard_errors
-from pipeline.numerics.sampling import runs
+from pipeline.numerics.sampling import MAD_TO_SIGMA, runs
 
 Float = NDArray[np.float64]
 
@@ -37,7 +37,13 @@ _LARGEST = 0.01
 """Of the largest rate: the largest tolerance that is chosen from the record itself."""
 _ROUNDING = 1e-9
 """Of the largest rate: an angle of 1e5 rad is rounded to 1e-11 rad."""
-_MEDIAN_TO_SIGMA = 1.4826
+_TURNING = 0.01
+"""Of the largest rate: above it the table turns, below it an encoder at rest has no noise at all."""
+_COUNTS = 3.0
+"""Of the angle's quantum, by which an encoder without noise changes the difference of two angles by rounding,
+over w: at most two, of three angles that are each rounded by half of one, and one for a little noise."""
+_COARSE = 0.1
+"""Of the largest rate: the largest tolerance that is chosen for the angle's quantum."""
 _FEWEST = 2
 """Samples of either record in a step."""
 
@@ -183,7 +189,8 @@ def constant_stretches(
         Largest time offset between gyro and table; left out at both ends [s].
     tolerance : float, optional
         Largest change of the mean rate from one window to the next [rad/s]; by default six standard
-        deviations of what it changes by most of the time, and no more than a hundredth of the largest rate.
+        deviations of what it changes by most of the time, or most of the time that the table turns, and no
+        more than a hundredth of the largest rate; but no less than the quantum of the angle makes of it.
 
     Returns
     -------
@@ -203,7 +210,7 @@ def constant_stretches(
     after = (motion.at(inner + w) - motion.at(inner)) / w
     before = (motion.at(inner) - motion.at(inner - w)) / w
     change = np.abs(after - before)
-    allowed = _tolerance(change, after) if tolerance is None else tolerance
+    allowed = _tolerance(change, after, quantum(motion.angle) / w) if tolerance is None else tolerance
     steady = runs(change <= allowed)
     found = []
     for first, stop in zip(steady.start.tolist(), steady.stop.tolist(), strict=True):
@@ -212,7 +219,7 @@ def constant_stretches(
         if end - begin >= shortest:
             found.append((begin, _whole_turns(motion, begin, end)))
     if not found:
-        raise _no_stretch(f"none within {allowed:.3g} rad/s", shortest)
+        raise _no_stretch(f"none within {np.degrees(allowed):.3g} deg/s", shortest)
     return np.array(found, dtype=np.float64)
 
 
@@ -226,8 +233,9 @@ def measure_steps(
     """Means of the gyro over the table's constant stretches, with their standard errors.
 
     The noise is that of the gyro less what the table's own motion within a stretch explains, so that a ripple
-    of the rate, which both see, is none, and the noise of the table's sensor is; and less what goes round
-    with the table.
+    of the rate, which both see, is none, and the noise of the table's sensor is; less what goes round with
+    the table; and less a drift of bias and scale factor that goes straight with the temperature, or with time
+    where there is none: the mean of it is that at the mean temperature.
 
     Parameters
     ----------
@@ -272,7 +280,7 @@ def measure_steps(
         rate,
         turn,
         mean,
-        _errors(places, time, gyro, angles, rate, mean, absolute=motion.absolute),
+        _errors(places, time, gyro, angles, rate, mean, temperature, absolute=motion.absolute),
         None if temperature is None else np.array([temperature[place].mean() for place in places]),
     )
 
@@ -282,14 +290,26 @@ def _no_stretch(found: str, shortest: float) -> RateTableError:
         "table rate",
         expected=f"stretches of constant rate of at least {shortest:g} s",
         found=found,
-        remedy="set a shorter stretch or a wider tolerance, or check which channel is the table's",
+        remedy="lower steps.shortest_s, raise steps.tolerance_deg_s, or check which channel is the table's",
     )
 
 
-def _tolerance(change: Float, rate: Float) -> float:
-    usual, largest = _NOISE * _MEDIAN_TO_SIGMA * float(np.median(change)), float(np.abs(rate).max())
+def quantum(angle: Float) -> float:
+    """Least difference of two angles of a record that is more than their rounding; 0 where there is none."""
+    differences = np.diff(np.unique(angle))
+    differences = differences[differences > 1e-12 * np.abs(angle).max()]
+    return float(differences.min()) if len(differences) else 0.0
+
+
+def _tolerance(change: Float, rate: Float, count: float) -> float:
+    """Tolerance by the record itself; ``count`` is the angle's quantum over w [rad/s]."""
+    speed = np.abs(rate)
+    largest = float(speed.max())
+    turning = change[speed > _TURNING * largest]
+    usual = _NOISE * MAD_TO_SIGMA * max(float(np.median(part)) for part in (change, turning) if len(part))
     # A record that is never steady would be called steady by its own median.
-    return max(min(usual, _LARGEST * largest), _ROUNDING * largest)
+    least = max(min(_COUNTS * count, _COARSE * largest), _ROUNDING * largest)
+    return max(min(usual, _LARGEST * largest), least)
 
 
 def _whole_turns(motion: Motion, begin: float, end: float) -> float:
@@ -311,6 +331,7 @@ def _errors(
     angles: Sequence[Float],
     rate: Float,
     mean: Float,
+    temperature: Float | None,
     *,
     absolute: bool,
 ) -> Float:
@@ -322,29 +343,48 @@ def _errors(
         np.gradient(angle, time[place]) - constant
         for place, angle, constant in zip(places, angles, rate, strict=True)
     ]
-    alone = _without_turning([gyro[place] for place in places], angles)
+    alone = [gyro[place] for place in places]
     beside = [g - np.outer(ripple, gain) for g, ripple in zip(alone, ripples, strict=True)]
+    turning = [_going_round(angle) for angle in angles]
+    drifts = [
+        _drifting(time[place], None if temperature is None else temperature[place], constant)
+        for place, constant in zip(places, rate, strict=True)
+    ]
     if not absolute:
-        return standard_errors(beside)
+        return standard_errors(_less(beside, turning, drifts))
     # The noise of an encoder, differentiated, looks large, and has no share in the mean rate.
-    both = standard_errors([np.concatenate(pair, axis=1) for pair in zip(alone, beside, strict=True)])
+    pairs = (_less(one, turning, drifts) for one in (alone, beside))
+    both = standard_errors([np.concatenate(pair, axis=1) for pair in zip(*pairs, strict=True)])
     without, with_ripple = np.split(both, 2, axis=1)
     return np.where(without.sum(axis=0) < with_ripple.sum(axis=0), without, with_ripple)
 
 
-def _without_turning(stretches: Sequence[Float], angles: Sequence[Float]) -> list[Float]:
-    """The stretches less one sine of the table's angle, the same in all that make half a turn or more.
+def _going_round(angle: Float) -> Float:
+    """Cosine and sine of the table's angle in a stretch of half a turn or more, else zeros, shape (n, 2).
 
     The horizontal Earth rate, or gravity on a tilted axis, is no noise, though it would pass for a slow one.
     """
-    turning = [k for k, angle in enumerate(angles) if abs(angle[-1] - angle[0]) > np.pi]
-    found = list(stretches)
-    if not turning:
-        return found
-    waves = [np.stack([np.cos(angles[k]), np.sin(angles[k])], axis=1) for k in turning]
-    waves = [wave - wave.mean(axis=0) for wave in waves]
-    levels = [stretches[k] - stretches[k].mean(axis=0) for k in turning]
-    amplitude = np.linalg.lstsq(np.concatenate(waves), np.concatenate(levels), rcond=None)[0]
-    for k, wave in zip(turning, waves, strict=True):
-        found[k] = stretches[k] - wave @ amplitude
-    return found
+    if abs(angle[-1] - angle[0]) <= np.pi:
+        return np.zeros((len(angle), 2))
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _drifting(time: Float, temperature: Float | None, rate: float) -> Float:
+    """Straight drift in a stretch, by itself and times the rate, shape (n, 2)."""
+    late = time - time.mean()
+    power = float(late @ late)
+    # The thermometer's own noise about its line is no drift of the gyro.
+    slope = 1.0 if temperature is None or not power else float(late @ temperature) / power
+    return np.outer(slope * late, [1.0, rate])
+
+
+def _less(stretches: Sequence[Float], *explaining: Sequence[Float]) -> list[Float]:
+    """The stretches less what columns of mean zero explain of them, by coefficients that all share."""
+    columns = [np.concatenate(parts, axis=1) for parts in zip(*explaining, strict=True)]
+    columns = [part - part.mean(axis=0) for part in columns]
+    levels = [stretch - stretch.mean(axis=0) for stretch in stretches]
+    whole = np.concatenate(columns)
+    size = np.linalg.norm(whole, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    shared = np.linalg.lstsq(whole / size, np.concatenate(levels), rcond=None)[0] / size[:, np.newaxis]
+    return [stretch - part @ shared for stretch, part in zip(stretches, columns, strict=True)]

@@ -1,12 +1,12 @@
 """Three gyros in a case: scale factors, biases and the directions of their input axes.
 
-For the rate w of the case and the temperature T the outputs are ::
+The model is that of `rate_table_triad_model`. What depends on the rate about an input axis in another way
+than straight is by the S of the round before. What is not known of the input, ``w = w_known + B xi``
+(`rate_table_observations`), is to first order ``S B xi`` in the outputs, the same xi in all three of them,
+and is solved for with xi of unit variance.
 
-    y = S w + b + d (T - T0)
-
-Row i of S is the scale factor K_i times the unit vector n_i of input axis i in the axes of the case.
-What is not known of the input, ``w = w_known + B xi`` (`rate_table_observations`), is to first order
-``S B xi`` in the outputs, the same xi in all three of them, and is solved for with xi of unit variance.
+A gyro that was never turned about its own axis has no terms of its own that could be told; one that was, but
+at rates that do not tell them apart, is refused.
 """
 
 from __future__ import annotations
@@ -15,206 +15,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
+from pipeline.models.rate_table import told_apart
 from pipeline.models.rate_table_fit import reference, scatter, usable, warmth, weighted
+from pipeline.models.rate_table_model import Terms
 from pipeline.models.rate_table_observations import AXES, Observations
+from pipeline.models.rate_table_scatter import covariance_of_means
 from pipeline.models.rate_table_steps import RateTableError
-from pipeline.numerics.least_squares import Solution
+from pipeline.models.rate_table_triad_model import TriadCalibration, triad_names
+from pipeline.numerics.least_squares import Solution, solve
 from pipeline.numerics.observability import Observability, analyse
 
 Float = NDArray[np.float64]
 
-SENSITIVITY = tuple(f"S{i}{j}" for i in AXES for j in AXES)
-BIAS = tuple(f"bias_{i}" for i in AXES)
-BIAS_TEMPERATURE = tuple(f"bias_temperature_sensitivity_{i}" for i in AXES)
-PAIRS = ((0, 1), (0, 2), (1, 2))
-
-_ROUNDS = 3
-"""Solutions with the unknowns of the input, whose effect is by the S of the one before."""
+_ROUNDS = 4
+"""Solutions by the S of the one before: with terms of a hundredth the last changes it by 1e-8 of it."""
+_TURNED = 0.01
+"""Of the largest rate: a gyro about whose axis the case turned less has no terms that could be told."""
+_ALONG = 0.5
+"""Part of the rate that must be about a gyro's axis for the observation to tell its terms."""
 USEFUL = 0.01
-"""Of scale factor or full scale: the standard deviation up to which S or b is called determined."""
-
-
-@dataclass(frozen=True, slots=True)
-class Decomposition:
-    """S in terms of the gyros.
-
-    Attributes
-    ----------
-    names : tuple of str
-        ``scale_factor_i``: K_i. ``misalignment_ij``: component of n_i along axis j of the case, the small
-        angle towards it [rad]. ``nonorthogonality_ij``: 90 degrees less the angle between input axes i and j
-        [rad].
-        ``mounting_i``: rotation of the triad as a whole from the axes of the case, about axis i [rad], the
-        antisymmetric part of the misalignments.
-    value, standard_error : ndarray, shape (15,)
-        Infinite errors where S does not tell.
-    covariance : ndarray, shape (15, 15)
-        Of what is told.
-    """
-
-    names: tuple[str, ...]
-    value: Float
-    standard_error: Float
-    covariance: Float
-
-    def of(self, name: str) -> tuple[float, float]:
-        """Value and standard error by name."""
-        k = self.names.index(name)
-        return float(self.value[k]), float(self.standard_error[k])
-
-
-@dataclass(frozen=True, slots=True)
-class TriadCalibration:
-    """What corrects three gyros, with its uncertainty.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the k parameters: S11 to S33, bias_1 to bias_3, and the bias temperature sensitivities if asked
-        for.
-    value : ndarray, shape (k,)
-        S [out s/rad], bias [out], its sensitivity [out/K].
-    covariance : ndarray, shape (k, k)
-        Of what is told.
-    standard_error : ndarray, shape (k,)
-        Infinite where the observations tell nothing.
-    reference_temperature : float
-        T0 [K]; NaN without terms of temperature.
-    """
-
-    names: tuple[str, ...]
-    value: Float
-    covariance: Float
-    standard_error: Float
-    reference_temperature: float
-
-    @property
-    def S(self) -> Float:  # noqa: N802 - the symbol of the model
-        """Sensitivity, shape (3, 3) [out s/rad]."""
-        return self.value[:9].reshape(3, 3)
-
-    @property
-    def bias(self) -> Float:
-        """Output without input at the reference temperature, shape (3,) [out]."""
-        return self.value[9:12]
-
-    @property
-    def bias_temperature_sensitivity(self) -> Float:
-        """Shape (3,) [out/K]; zero where it was not asked for."""
-        return self.value[12:] if len(self.value) > 12 else np.zeros(3)
-
-    @property
-    def determined(self) -> bool:
-        """Whether all of S and b are told."""
-        return bool(np.isfinite(self.standard_error).all())
-
-    def decomposed(self) -> Decomposition:
-        """Scale factors and small angles, with the errors that those of S give them.
-
-        Raises
-        ------
-        RateTableError
-            If a gyro responds to no rate at all.
-        """
-        S, K = self.S, np.linalg.norm(self.S, axis=1) * np.sign(np.diag(self.S))
-        if not np.all(K != 0):
-            raise RateTableError(
-                f"gyro {AXES[int(np.flatnonzero(K == 0)[0])]}",
-                expected="a response to the rate about its own axis of the case",
-                found="none",
-                remedy="turn the case about that axis, and check the order of the channels",
-            )
-        n = S / K[:, np.newaxis]
-        dK = block_diag(*n)
-        # dn_i / dS_i = (1 - n_i n_i^T) / K_i
-        dn = block_diag(*[(np.eye(3) - np.outer(v, v)) / k for v, k in zip(n, K, strict=True)])
-        dn = dn.reshape(3, 3, 9)
-        off = [(i, j) for i in range(3) for j in range(3) if i != j]
-        sine = np.array([n[i] @ n[j] for i, j in PAIRS])
-        dsine = np.stack([n[j] @ dn[i] + n[i] @ dn[j] for i, j in PAIRS])
-        # n = 1 - [phi x] for a triad turned by phi
-        turned = [(1, 2), (2, 0), (0, 1)]
-        value = [
-            K,
-            [n[i, j] for i, j in off],
-            np.arcsin(sine),
-            [(n[i, j] - n[j, i]) / 2 for i, j in turned],
-        ]
-        J = [
-            dK,
-            [dn[i, j] for i, j in off],
-            dsine / np.sqrt(1 - sine**2)[:, np.newaxis],
-            [(dn[i, j] - dn[j, i]) / 2 for i, j in turned],
-        ]
-        names = (
-            *(f"scale_factor_{i}" for i in AXES),
-            *(f"misalignment_{i + 1}{j + 1}" for i, j in off),
-            *(f"nonorthogonality_{i + 1}{j + 1}" for i, j in PAIRS),
-            *(f"mounting_{i}" for i in AXES),
-        )
-        derivatives = np.concatenate(J)
-        covariance = derivatives @ self.covariance[:9, :9] @ derivatives.T
-        untold = np.any(derivatives[:, np.isinf(self.standard_error[:9])] != 0, axis=1)
-        error = np.where(untold, np.inf, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-        return Decomposition(names, np.concatenate(value), error, covariance)
-
-    def apply(self, raw: Float, temperature: Float | None = None) -> tuple[Float, Float]:
-        """The rate of the case that outputs tell: ``S^-1 (raw - b(T))``.
-
-        Parameters
-        ----------
-        raw : ndarray, shape (n, 3)
-            [out].
-        temperature : ndarray, shape (n,), optional
-            [K]; must be there if the calibration has terms of it.
-
-        Returns
-        -------
-        rate : ndarray, shape (n, 3)
-            In the axes of the case [rad/s].
-        standard_error : ndarray, shape (n, 3)
-            That the uncertainty of the calibration gives it; the gyros' own noise is not in it. It is the
-            same error throughout a record, not a new one in each sample.
-
-        Raises
-        ------
-        RateTableError
-            If part of the calibration is not told, or the temperature is missing.
-        """
-        warmth = self._warmth(temperature, len(raw))
-        inverse = np.linalg.inv(self._whole())
-        offset = self.bias + np.outer(warmth, self.bias_temperature_sensitivity)
-        rate = (raw - offset) @ inverse.T
-        # d rate = -S^-1 Theta z with z = (rate, 1, T - T0) and Theta the errors of (S, b, d), 3 by 4 or 5
-        z = np.column_stack([rate, np.ones(len(raw)), warmth])[:, : len(self.names) // 3]
-        variance = [np.einsum("np,pq,nq->n", z, self._blocks(row), z, optimize=True) for row in inverse]
-        return rate, np.sqrt(np.maximum(np.stack(variance, axis=1), 0.0))
-
-    def _blocks(self, row: Float) -> Float:
-        """Covariance of ``row @ Theta``, shape (p, p)."""
-        p = len(self.names) // 3
-        places = np.concatenate([np.arange(9).reshape(3, 3), np.arange(9, 3 * p).reshape(-1, 3).T], axis=1)
-        L = np.zeros((3 * p, p))
-        for gyro, columns in enumerate(places):
-            L[columns, np.arange(p)] = row[gyro]
-        return np.asarray(L.T @ self.covariance @ L, dtype=np.float64)
-
-    def _whole(self) -> Float:
-        """S, where all of the calibration is told."""
-        if not self.determined:
-            untold = [n for n, e in zip(self.names, self.standard_error, strict=True) if np.isinf(e)]
-            raise RateTableError(
-                "calibration",
-                expected="all of S and b, to correct a record",
-                found=f"nothing that tells {', '.join(untold)}",
-                remedy="calibrate with rotation about all three axes of the case",
-            )
-        return self.S
-
-    def _warmth(self, temperature: Float | None, count: int) -> Float:
-        return warmth(temperature, self.reference_temperature, count, needed=len(self.names) > 12)
+"""Of scale factor or full scale: the standard deviation up to which a parameter is called determined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +60,7 @@ class Triad(TriadCalibration):
 
 
 def fit_triad(
-    observed: Observations, *, bias_temperature: bool = False, reference_temperature: float | None = None
+    observed: Observations, terms: Terms | None = None, *, reference_temperature: float | None = None
 ) -> Triad:
     """Calibrate three gyros.
 
@@ -247,56 +68,63 @@ def fit_triad(
     ----------
     observed : Observations
         Of one method, or of several joined.
-    bias_temperature : bool
-        Whether the biases depend on the temperature.
+    terms : Terms, optional
+        Of each gyro, beside bias and scale factor; by default none.
     reference_temperature : float, optional
         T0 [K]; by default the mean of the observations.
 
     Returns
     -------
     Triad
-        What the observations do not tell has infinite standard errors and is named in ``observability``.
+        What the observations do not tell is 0, has infinite standard errors and is named in
+        ``observability``.
 
     Raises
     ------
     RateTableError
-        If the observations are fewer than the unknowns of one gyro, the case never turns, or the temperature
-        is missing.
+        If the observations are fewer than the unknowns of one gyro or do not tell its terms apart, the case
+        never turns, or the temperature is missing.
     """
-    names = SENSITIVITY + BIAS + (BIAS_TEMPERATURE if bias_temperature else ())
+    terms = terms or Terms()
+    names = triad_names(terms)
     _enough(observed, names)
     error = np.stack(
         [usable(observed.output[:, i], observed.standard_error[:, i], f"gyro {AXES[i]}") for i in range(3)],
         axis=1,
     )
     observed = replace(observed, standard_error=error)
-    T0 = reference(observed.temperature, reference_temperature) if bias_temperature else float("nan")
-    warm = warmth(observed.temperature, T0, len(observed), needed=bias_temperature)
-    inputs = np.column_stack([observed.rate, np.ones(len(observed)), warm])[:, : len(names) // 3]
-    A = _design(inputs)
+    T0 = reference(observed.temperature, reference_temperature) if terms.thermal else float("nan")
+    warm = warmth(observed.temperature, T0, len(observed), needed=terms.thermal)
     k, q = len(names), len(observed.unknowns)
     prior = np.concatenate([np.full(k, np.inf), np.ones(q)]) if q else None
-    S = _alone(inputs, observed)
-    for _ in range(_ROUNDS if q else 1):
+    S = _alone(observed)
+    for _ in range(_ROUNDS if q or terms.names[2:] else 1):
+        inputs = _inputs(terms, S, observed, warm)
         effect = np.einsum("ij,mjq->miq", S, observed.unknown)
-        tau = np.array([_scatter(inputs, effect[:, i], observed, i) for i in range(3)])
-        total = np.hypot(observed.standard_error, tau)
-        full = np.concatenate([A, effect], axis=2).reshape(-1, k + q)
-        y, deviation = observed.output.ravel(), total.ravel()
-        solution = weighted(full, y, deviation, (*names, *observed.unknowns), prior)
+        tau = np.array([_scatter(inputs[:, i], effect[:, i], observed, i) for i in range(3)])
+        noise = [_noise(inputs[:, i], effect[:, i], observed, i, tau[i]) for i in range(3)]
+        full = np.concatenate([_design(inputs), effect], axis=2)
+        white = np.linalg.inv(np.linalg.cholesky(np.stack(noise)))
+        rows = np.einsum("imn,nik->mik", white, full).reshape(-1, k + q)
+        y = np.einsum("imn,ni->mi", white, observed.output).ravel()
+        solution = solve(rows, y, (*names, *observed.unknowns), prior=prior, sigma=1.0)
         S = solution.estimate[:9].reshape(3, 3)
-    told = _told(full / deviation[:, np.newaxis], solution, names, observed, float(np.ptp(warm)))
-    spent = np.sum((full @ solution.factor) ** 2, axis=1)
+    told = _told(rows, solution, names, observed, float(np.ptp(warm)))
+    total = np.stack([np.diag(of) for of in noise], axis=1)
+    spent = np.sum((full @ solution.factor) ** 2, axis=2)
+    open_ = np.isinf(told.standard_errors[:k])
     own = np.sqrt(np.maximum(np.diag(solution.covariance)[:k], 0.0))
     return Triad(
+        terms=terms,
         names=names,
-        value=solution.estimate[:k],
+        value=np.where(open_, 0.0, solution.estimate[:k]),
         covariance=solution.covariance[:k, :k],
-        standard_error=np.where(np.isinf(told.standard_errors[:k]), np.inf, own),
+        standard_error=np.where(open_, np.inf, own),
         reference_temperature=T0,
+        largest_rate=_largest(observed),
         observability=told,
-        residual=(solution.residual * deviation).reshape(-1, 3),
-        residual_error=np.sqrt(np.maximum(deviation**2 - spent, 0.0)).reshape(-1, 3),
+        residual=observed.output - full @ solution.estimate,
+        residual_error=np.sqrt(np.maximum(total - spent, 0.0)),
         scatter=tau,
     )
 
@@ -319,21 +147,45 @@ def _enough(observed: Observations, names: tuple[str, ...]) -> None:
         )
 
 
+def _largest(observed: Observations) -> float:
+    """w_m [rad/s]."""
+    return float(np.linalg.norm(observed.rate, axis=1).max())
+
+
+def _inputs(terms: Terms, S: Float, observed: Observations, warm: Float) -> Float:
+    """Derivatives of each gyro's output by its own row of S and its other parameters, shape (m, 3, p)."""
+    largest, along = _largest(observed), np.abs(observed.rate)
+    straight = along > _ALONG * np.linalg.norm(observed.rate, axis=1)[:, np.newaxis]
+    inputs = []
+    for i in range(3):
+        K = float(np.linalg.norm(S[i]) * np.sign(S[i, i]))
+        turned = K != 0 and along[:, i].max() > _TURNED * largest
+        w = observed.rate @ S[i] / K if turned else np.zeros(len(observed))
+        columns = terms.columns(w, largest, warm) * np.where(terms.divided, K, 1.0)
+        if turned and terms.names[2:]:
+            # what a run about another axis tells of this gyro's axis is its misalignment
+            alone = terms.columns(np.where(straight[:, i], w, 0.0), largest, warm)
+            told_apart(alone, terms.names, f"rate table, gyro {AXES[i]}")
+        inputs.append(np.concatenate([observed.rate, np.delete(columns, 1, axis=1)], axis=1))
+    return np.stack(inputs, axis=1)
+
+
 def _design(inputs: Float) -> Float:
-    """Derivatives of the outputs by S, b, d, shape (m, 3, k), from those of one gyro, shape (m, p)."""
-    m, p = inputs.shape
+    """Derivatives of the outputs by all parameters, shape (m, 3, k), from those of each, shape (m, 3, p)."""
+    m, _, p = inputs.shape
     A = np.zeros((m, 3, 3 * p))
     for i in range(3):
-        A[:, i, 3 * i : 3 * i + 3] = inputs[:, :3]
-        A[:, i, 9 + i :: 3] = inputs[:, 3:]
+        A[:, i, 3 * i : 3 * i + 3] = inputs[:, i, :3]
+        A[:, i, 9 + i :: 3] = inputs[:, i, 3:]
     return A
 
 
-def _alone(inputs: Float, observed: Observations) -> Float:
-    """S by each gyro alone, the input taken as known."""
-    names = [str(j) for j in range(inputs.shape[1])]
+def _alone(observed: Observations) -> Float:
+    """S by each gyro alone, without its terms, the input taken as known."""
+    columns = np.column_stack([observed.rate, np.ones(len(observed))])
+    names = [str(j) for j in range(columns.shape[1])]
     rows = [
-        weighted(inputs, observed.output[:, i], observed.standard_error[:, i], names).estimate[:3]
+        weighted(columns, observed.output[:, i], observed.standard_error[:, i], names).estimate[:3]
         for i in range(3)
     ]
     return np.stack(rows)
@@ -347,15 +199,30 @@ def _scatter(inputs: Float, effect: Float, observed: Observations, gyro: int) ->
     return scatter(A, observed.output[:, gyro], observed.standard_error[:, gyro], prior)
 
 
+def _noise(inputs: Float, effect: Float, observed: Observations, gyro: int, scatter: float) -> Float:
+    """Covariance of the outputs of one gyro; without times between them its scatter is independent."""
+    error = observed.standard_error[:, gyro]
+    average = None
+    if observed.apart is not None:
+        average = covariance_of_means(inputs, observed.output[:, gyro], error, effect, observed.apart)
+    return np.diag(error**2 + scatter**2) if average is None else average
+
+
 def _told(
     rows: Float, solution: Solution, names: tuple[str, ...], observed: Observations, warmth_range: float
 ) -> Observability[str]:
-    """What the rows tell of S, b, d and the unknowns of the input."""
+    """What the rows tell of the parameters and the unknowns of the input."""
     k, q = len(names), len(observed.unknowns)
     K = float(np.abs(solution.estimate[:9]).max())
-    full_scale = K * float(np.linalg.norm(observed.rate, axis=1).max())
-    useful = np.ones(k + q)
-    useful[:9], useful[9:12] = USEFUL * K, USEFUL * full_scale
-    useful[12:k] = USEFUL * full_scale / (warmth_range or 1.0)
+    useful = [USEFUL * _unit(name, K, K * _largest(observed), warmth_range or 1.0) for name in names]
     extent = np.concatenate([np.full(k, np.inf), np.ones(q)])
-    return analyse(rows, (*names, *observed.unknowns), useful, extent=extent)
+    all_useful = np.concatenate([useful, np.ones(q)])
+    return analyse(rows, (*names, *observed.unknowns), all_useful, extent=extent)
+
+
+def _unit(name: str, K: float, full_scale: float, warmth_range: float) -> float:
+    """What a parameter comes to that changes an output by all of it."""
+    if name.startswith("S"):
+        return K
+    scale = full_scale if name.startswith("bias") else 1.0
+    return scale / warmth_range if "temperature" in name else scale

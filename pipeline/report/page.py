@@ -156,7 +156,8 @@ def _section(section: Section, place: str) -> str:
 
 
 def _facts(tables: Tables, clock: Clock | None) -> str:
-    facts = [("recording", tables["provenance"].column("recording_name").to_pylist()[0])]
+    names = parts.recordings(tables["provenance"])
+    facts = [("recording" if len(names) == 1 else "recordings", ", ".join(names))]
     if clock is not None:
         facts.append(("duration", f"{number(clock.duration)} s"))
     if "attitude" in tables:

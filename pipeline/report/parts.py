@@ -10,13 +10,15 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline.report.base import Clock
-from pipeline.report.formatting import number, plural, size, standard_error, unit, words
+from pipeline.report.formatting import measured, number, plural, size, standard_error, unit, words
 from pipeline.report.verdict import badge, bar, limits
 from pipeline.verdicts import Row, limited
 
 _SEVERITIES = ("error", "warning", "info")
 _FINDINGS_OPEN = 12
 _FINDINGS_MOST = 500
+_ABREAST = 6
+"""Channels in a table of metrics that fit beside each other on a page of 1240 pixels."""
 
 
 def metrics(rows: Sequence[Row]) -> str:
@@ -54,6 +56,18 @@ def finding_counts(table: pa.Table) -> str:
     return ", ".join(named) or "none"
 
 
+def recordings(table: pa.Table) -> list[str]:
+    """File names of the recordings that were processed: the plan's own, then those that its runs name."""
+    further = [
+        run.get("recording")
+        for row in table.to_pylist()
+        if row["stage"] == "ingest"
+        for run in json.loads(row["settings"]).get("runs") or ()
+    ]
+    own = table.column("recording_name")[0].as_py()
+    return list(dict.fromkeys([own, *(name for name in further if name)]))
+
+
 def provenance(table: pa.Table) -> str:
     """How the tables came about: the recording, the versions, and each stage with its settings, folded."""
     rows = table.to_pylist()
@@ -61,7 +75,7 @@ def provenance(table: pa.Table) -> str:
         return ""
     first = rows[0]
     facts = [
-        ("Recording", escape(first["recording_name"]), size(first["recording_bytes"])),
+        ("Recording", escape(", ".join(recordings(table))), size(first["recording_bytes"])),
         ("SHA-256 of the recording", _code(first["recording_sha256"]), ""),
         ("SHA-256 of the test plan", _code(first["plan_sha256"]), ""),
         *_calibration(first),
@@ -108,8 +122,33 @@ def _by_channel(stage: str, rows: Sequence[Row]) -> str:
     for row in rows:
         stream = row["channel"].partition(".")[0]
         groups.setdefault(stream if stream in of_streams else "", []).append(row)
-    tables = "".join(_matrix(stage, stream, group) for stream, group in groups.items())
+    tables = "".join(
+        _matrix(stage, stream, part) for stream, group in groups.items() for part in _abreast(group)
+    )
     return f'<div class="matrices">{tables}</div>'
+
+
+def _abreast(rows: Sequence[Row]) -> list[list[Row]]:
+    """Metrics of many channels, as the pairs of axes are, in parts that are not too wide.
+
+    Channels that share a metric, if by way of others, stay together up to as many as fit.
+    """
+    named: dict[str, set[str]] = {}
+    for row in rows:
+        named.setdefault(row["channel"], set()).add(row["name"])
+    if len(named) <= _ABREAST:
+        return [list(rows)]
+    families: list[list[str]] = []
+    for channel, names in named.items():
+        related = [family for family in families if any(named[other] & names for other in family)]
+        families = [family for family in families if family not in related]
+        families.append([*(other for family in related for other in family), channel])
+    order = {channel: place for place, channel in enumerate(named)}
+    families = sorted(
+        (sorted(family, key=order.__getitem__) for family in families), key=lambda f: order[f[0]]
+    )
+    parts = [set(family[i : i + _ABREAST]) for family in families for i in range(0, len(family), _ABREAST)]
+    return [[row for row in rows if row["channel"] in part] for part in parts]
 
 
 def _matrix(stage: str, stream: str, rows: Sequence[Row]) -> str:
@@ -131,9 +170,9 @@ def _matrix(stage: str, stream: str, rows: Sequence[Row]) -> str:
 def _cell(row: Row | None) -> str:
     if row is None:
         return "<td></td>"
-    error = "" if row["standard_error"] is None else f' <span class="error">± {_error(row)}</span>'
-    value = number(row["value"], row["standard_error"])
-    return f"<td class=num title={_exact(row['value'])}>{value}{error}</td>"
+    value, _, error = measured(row["value"], row["standard_error"]).partition(" ± ")
+    beside = f' <span class="error">± {error}</span>' if error else ""
+    return f"<td class=num title={_exact(row['value'])}>{value}{beside}</td>"
 
 
 def _error(row: Row) -> str:

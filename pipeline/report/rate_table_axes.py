@@ -100,14 +100,14 @@ def _angles(told: Mapping[str, Row], factor: float, unit: str) -> str:
     wanted = {
         "misalignment": [a + b for a in CHANNELS for b in CHANNELS if a != b],
         "nonorthogonality": _PAIRS,
-        "mounting": CHANNELS,
+        "triad_rotation": CHANNELS,
     }
     rows = {f"{name}_{of}": told.get(f"{name}_{of}") for name, axes_ in wanted.items() for of in axes_}
     tables = ""
     for name, words in (
         ("misalignment", "input axis, towards"),
         ("nonorthogonality", "short of 90°, between"),
-        ("mounting", "triad turned, about"),
+        ("triad_rotation", "triad turned, about"),
     ):
         body = "".join(
             f"<tr><td>{_pair(of, name)}</td><td class=num>{_cell(rows[f'{name}_{of}'], factor)}</td></tr>"

@@ -8,9 +8,8 @@ from typing import NamedTuple
 from pipeline.report.base import Section, Tables
 from pipeline.report.formatting import measured, number, unit
 from pipeline.report.parts import html_table
-from pipeline.report.rate_table_runs import CHANNELS, DEG_H, DEG_S, PPM, Row, rows_of
+from pipeline.report.rate_table_runs import CELSIUS, CHANNELS, DEG_H, DEG_S, PPM, Row, rows_of
 
-_KELVIN = 273.15
 _HIGHEST = 9
 """Order of a nonlinearity: more than any calibration has."""
 _METHODS = {
@@ -77,12 +76,16 @@ def _text(rows: Sequence[Row]) -> str:
     """By what, which part corrects records, and for which temperature and rates."""
     model = [row for row in rows if row["role"] == "model"]
     used = "the triad's matrix and biases" if model and not model[0]["gyro"] else "each gyro's own model"
-    whole = all(row["state"] == "determined" for row in model)
-    corrects = f"What corrects a later record is {used}." if whole else "It cannot correct a later record."
+    if all(row["state"] == "determined" for row in model):
+        corrects = f"What corrects a later record is {used}."
+    elif all(row["standard_error"] is not None for row in model):
+        corrects = f"What may correct a later record, to what its errors allow, is {used}."
+    else:
+        corrects = "It cannot correct a later record."
     text = f"By {_METHODS[rows[0]['method']]}, ± one standard error. {corrects}"
     temperatures = {row["reference_temperature"] for row in rows} - {None}
     if temperatures:
-        celsius = min(temperatures) - _KELVIN
+        celsius = min(temperatures) - CELSIUS
         text += f" Bias and scale factor hold at {number(float(f'{celsius:.4g}'))} °C."
     largest = max(row["largest_rate"] for row in rows)
     text += f" Largest input rate: {number(float(f'{DEG_S * largest:.4g}'))} deg/s."

@@ -18,6 +18,7 @@ from pipeline.report.formatting import measured, number
 from pipeline.report.rate_table_runs import (
     ABREAST,
     BORDER,
+    CELSIUS,
     CHANNELS,
     DEG_S,
     Floats,
@@ -35,8 +36,8 @@ _LOW = 150
 _MARGIN = 0.08  # of the rates, at either end of a scale
 _POINTS = 241  # of the model's curve
 _STEADY = 0.1  # K: a temperature that varies less is one
-_KELVIN = 273.15
 _ZERO = 1e-9  # of the largest rate, below which the table stands
+_EARTH = 8e-5  # rad/s, of which the Earth's 7.3e-5 is in the rate of a table that stands
 _LOOKS = tuple(
     (colour, shape) for shape in ("circle", "square", "diamond") for colour in (BLUE, VERMILION, GREEN, BLACK)
 )
@@ -161,9 +162,6 @@ def _way(rate: float, largest: float) -> str:
     return "turning +" if rate > 0 else "turning −"
 
 
-_EARTH = 8e-5  # rad/s, of which the Earth's 7.3e-5 is in the rate of a table that stands
-
-
 def _approaches(rows: Sequence[Row]) -> list[str]:
     """Where the rate came from in each step, by the step before it of its run."""
     order = sorted(range(len(rows)), key=lambda i: (rows[i]["run"] or 0, rows[i]["start"]))
@@ -178,7 +176,7 @@ def _model(tables: Tables, rows: Sequence[Row]) -> Callable[[Floats], Floats] | 
     """The model less the straight line that the deviations are from, over the rate, both in rad/s.
 
     ``K {w + a |w| / 2 + sum_k c_k w_m (w / w_m)^k} + b`` at the reference temperature; None where the model
-    is a line itself.
+    is a line itself, at any temperature.
     """
     told = {
         row["parameter"]: row["value"]
@@ -191,7 +189,7 @@ def _model(tables: Tables, rows: Sequence[Row]) -> Callable[[Floats], Floats] | 
         if name.startswith("scale_factor_nonlinearity_")
     }
     asymmetry = told.get("scale_factor_asymmetry", 0.0)
-    if not terms and not asymmetry:
+    if not terms and not asymmetry and not any("temperature" in name for name in told):
         return None
     rate = np.array([row["rate"] for row in rows])
     line = np.array([row["output"] - row["deviation"] for row in rows])
@@ -246,7 +244,7 @@ def by_temperature(tables: Tables) -> Section | None:
     warm = [row for row in rows if row["temperature"] is not None]
     if not warm or np.ptp([row["temperature"] for row in warm]) < _STEADY:
         return None
-    x_range = style.span(*_ends(np.array([row["temperature"] - _KELVIN for row in warm])))
+    x_range = style.span(*_ends(np.array([row["temperature"] - CELSIUS for row in warm])))
     channels = [channel for channel in CHANNELS if any(row["channel"] == channel for row in warm)]
     items: Items = {}
     made = []
@@ -258,7 +256,7 @@ def by_temperature(tables: Tables) -> Section | None:
         style.heading(panel, channel)
         mine = [row for row in warm if row["channel"] == channel]
         _draw_by_run(
-            tables, panel, mine, np.array([row["temperature"] - _KELVIN for row in mine]), items, "°C"
+            tables, panel, mine, np.array([row["temperature"] - CELSIUS for row in mine]), items, "°C"
         )
         made.append(panel)
     return Section(

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from pipeline import units
 from pipeline.report.base import Clock, Tables, times
 
 Floats = NDArray[np.float64]
@@ -21,6 +22,8 @@ DEG_S = float(np.degrees(1.0))
 DEG_H = DEG_S * 3600
 """A rate in rad/s to deg/h."""
 PPM = 1e6
+CELSIUS = units.zero("degC")
+"""The zero of degrees Celsius [K]."""
 ABREAST = 3
 """Panels."""
 COLUMNS = 400
@@ -112,6 +115,6 @@ def _title(row: Row) -> str:
     if axis[0] is None:
         return f"run {row['run']}: {row['name']}, off the table"
     along = int(np.argmax(np.abs(axis)))
-    sign = "−" if axis[along] < 0 else ""
-    name = "" if row["name"] == f"{sign}{CHANNELS[along]}" else f"{row['name']}, "
-    return f"run {row['run']}: {name}{sign}{CHANNELS[along]} along the table's axis"
+    negative, channel = axis[along] < 0, CHANNELS[along]
+    name = "" if row["name"] == f"{'-' * negative}{channel}" else f"{row['name']}, "
+    return f"run {row['run']}: {name}{'−' * negative}{channel} along the table's axis"

@@ -28,7 +28,7 @@ from pipeline.report.static_panels import (
     panels,
     plainly,
 )
-from pipeline.report.style import BLACK, BLUE, VERMILION
+from pipeline.report.style import BLACK, BLUE, GREEN, VERMILION
 
 _OTHERS = {"modified": ("modified", "solid"), "hadamard": ("Hadamard", "5 3"), "total": ("total", "2 3")}
 _BEYOND = 3.0  # times the extreme deviations, to which a panel shows the confidence intervals
@@ -77,7 +77,8 @@ def deviations(tables: Tables) -> Section | None:
     return Section(
         "Allan deviation",
         "How much the mean rate over τ differs from one such time to the next, in deg/h (the table holds "
-        f"rad/s), with its confidence interval.{named}",
+        f"rad/s), with its confidence interval, the fit of the noise coefficients to it, and the same by the "
+        f"noise model below, which was fitted to the spectrum.{named}",
         made.arranged(),
     )
 
@@ -126,8 +127,8 @@ def _draw(made: Panels, channel: str, table: pa.Table, terms: Mapping[str, float
 
 def _draw_allan(made: Panels, panel: Panel, allan: pa.Table, terms: Mapping[str, float]) -> None:
     tau = column(allan, "tau")
-    deviation, low, high, fit = (
-        column(allan, name) * DEG_H for name in ("deviation", "lower", "upper", "model")
+    deviation, low, high, fit, model = (
+        column(allan, name) * DEG_H for name in ("deviation", "lower", "upper", "model", "noise_model")
     )
     shaded = band(panel, tau, low, high, BLUE)
     curve = line(panel, tau, deviation, BLUE, width=2.0)
@@ -135,6 +136,8 @@ def _draw_allan(made: Panels, panel: Panel, allan: pa.Table, terms: Mapping[str,
     style.hover(panel.figure, curve, [("averaging time [s]", "x"), ("Allan deviation [deg/h]", "y")])
     if np.isfinite(fit).any():
         made.note("fit of the coefficients", line(panel, tau, fit, BLACK, width=1.3, dash="6 3"))
+    if np.isfinite(model).any():
+        made.note("noise model", line(panel, tau, model, GREEN, width=1.3))
     _slopes(made, panel, tau, deviation, terms)
 
 

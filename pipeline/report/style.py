@@ -81,7 +81,7 @@ def panel(
         min_border_left=112,
         min_border_right=12,
         min_border_top=8,
-        min_border_bottom=4,
+        min_border_bottom=8,
         background_fill_color=None,
         border_fill_color=None,
         outline_line_color="#c9ced6",

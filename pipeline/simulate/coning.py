@@ -28,6 +28,7 @@ from pipeline.simulate.imperfections import (
     check_errors,
     even_instants,
     generator,
+    in_seconds,
     require,
     sampling_instants,
     spoil,
@@ -257,7 +258,7 @@ def _gyro(settings: ConingSettings, motion: Motion, seed: int) -> tuple[Recorded
     timing = settings.timing
     count = int(settings.duration * settings.rate * (1 + 1e-12)) + 1
     instants = sampling_instants(count, settings.rate, timing, seed)
-    seconds = np.asarray(instants * 1e-9, dtype=np.float64)
+    seconds = in_seconds(instants)
     t = settings.first_time + seconds
     before = np.concatenate(([t[0] - 1 / settings.rate], t[:-1]))
     exact = motion.rates(t) if settings.output == "angular_rate" else motion.increments(before, t)

@@ -18,7 +18,7 @@ from pipeline.models.drift_trajectory import Transient, trajectory
 from pipeline.models.earth import DEGREES_PER_HOUR, RATE, Base
 from pipeline.models.gyro_drift import DRIFT, MISALIGNMENT, TILT, Gyro
 from pipeline.simulate.drift_settings import DriftRun, DriftSettings
-from pipeline.simulate.imperfections import encoder_noise, sampling_instants
+from pipeline.simulate.imperfections import encoder_noise, in_seconds, sampling_instants
 from pipeline.simulate.plan import Processing, Value, plan_text
 from pipeline.simulate.recording import recorded_as_text, transmitted, write_recording
 from pipeline.simulate.streams import Recorded, RecordedStream, gimbal
@@ -114,7 +114,7 @@ def simulate_drift(settings: DriftSettings, seed: int = 0) -> SimulatedDrift:
         angles.append(alpha)
         begin += round(1e9 * (run.duration + settings.pause))
     whole, alpha = np.concatenate(instants), np.concatenate(angles)
-    noise, outliers = encoder_noise(_seconds(whole), settings.errors, seed)
+    noise, outliers = encoder_noise(in_seconds(whole), settings.errors, seed)
     values = settings.encoder.read(alpha + noise)
     recorded, faults = transmitted(
         whole, values, 1 / settings.interval, settings.start, settings.timing, seed
@@ -142,7 +142,7 @@ def _run(settings: DriftSettings, run: DriftRun, begin: int, seed: int) -> tuple
     """Instants of a run's samples [ns from its beginning] and the exact angles at them [rad]."""
     count = int(run.duration / settings.interval * (1 + 1e-12)) + 1
     instants = sampling_instants(count, 1 / settings.interval, settings.timing, seed)
-    return instants, _with_jumps(settings, run, _seconds(instants), begin * 1e-9)
+    return instants, _with_jumps(settings, run, in_seconds(instants), begin * 1e-9)
 
 
 def _with_jumps(settings: DriftSettings, run: DriftRun, t: Float, begin: float) -> Float:
@@ -210,7 +210,3 @@ def _truth_of_run(
         "delta_chi": delta_chi.tolist(),
         "parameters": dict(zip(MISALIGNMENT, epsilon, strict=True)),
     }
-
-
-def _seconds(time: Time) -> Float:
-    return np.asarray(time * 1e-9, dtype=np.float64)

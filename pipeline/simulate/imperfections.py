@@ -208,6 +208,11 @@ def nanoseconds(seconds: Float) -> Time:
     return whole
 
 
+def in_seconds(time: Time) -> Float:
+    """Nanoseconds as seconds."""
+    return np.asarray(time * 1e-9, dtype=np.float64)
+
+
 def even_instants(count: int, rate: float) -> Time:
     """Instants of even samples [ns from the first]."""
     return nanoseconds(np.arange(count) / rate)

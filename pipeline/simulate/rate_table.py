@@ -9,7 +9,7 @@ wrong with the stamps is stated in `pipeline.simulate.imperfections`; the files 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from pipeline.models.multi_position import SIX_POSITIONS
 from pipeline.simulate.imperfections import (
     even_instants,
     generator,
+    in_seconds,
     nanoseconds,
     quantised,
 )
@@ -275,7 +276,7 @@ def _motions(settings: RateTableSettings, seed: int) -> Iterator[tuple[Motion, F
 
 def _outputs(settings: RateTableSettings, run: _Run, number: int, seed: int) -> tuple[Float, Float]:
     """Rates of the case about the gyros' axes, and the gyros' outputs, each of shape (n, k) [rad/s]."""
-    t = _seconds(run.instants)
+    t = in_seconds(run.instants)
     places = [AXES.index(axis) for axis in settings.axes]
 
     def both(at: Float) -> Float:
@@ -309,34 +310,48 @@ def _warmth(settings: RateTableSettings, time: Float) -> Float:
     return settings.temperature.at(time) - settings.reference_temperature
 
 
-def _table(settings: RateTableSettings, runs: list[_Run], seed: int) -> Recorded:
-    """What the table's sensor gives, at even instants of its own."""
+def _table(settings: RateTableSettings, runs: Sequence[_Run], seed: int) -> Recorded:
+    """What the table's sensor gives."""
     sensor = settings.table
-    stamps, values = [], []
-    for number, run in enumerate(runs, start=1):
+
+    def read(number: int, run: _Run, t: Float) -> Float:
         assert isinstance(run.motion, TableMotion)
-        instants = even_instants(int(run.motion.duration * sensor.rate * (1 + 1e-12)) + 1, sensor.rate)
-        angle, rate = run.motion.table(_seconds(instants))
-        noise = sensor.noise * generator(seed, "table noise", number).standard_normal(len(instants))
+        angle, rate = run.motion.table(t)
+        noise = sensor.noise * generator(seed, "table noise", number).standard_normal(len(t))
         if sensor.quantity == "table_angle":
-            values.append(sensor.encoder.read(angle + noise))
-        else:
-            values.append(np.degrees(rate + noise) if sensor.encoder.unit == "deg" else rate + noise)
-        stamps.append(settings.start + _nanoseconds(run.begin) + instants)
-    time = np.concatenate(stamps)
-    return Recorded(time, time, np.concatenate(values)[:, np.newaxis])
+            return sensor.encoder.read(angle + noise)
+        return np.degrees(rate + noise) if sensor.encoder.unit == "deg" else rate + noise
+
+    return _sampled(settings, runs, sensor.rate, read)
 
 
-def _temperature(settings: RateTableSettings, runs: list[_Run], seed: int) -> Recorded | None:
-    """What the thermometer gives, while a run lasts."""
+def _temperature(settings: RateTableSettings, runs: Sequence[_Run], seed: int) -> Recorded | None:
+    """What the thermometer gives."""
     sensor = settings.temperature
     if sensor is None:
         return None
+
+    def read(number: int, run: _Run, t: Float) -> Float:
+        noise = sensor.noise * generator(seed, "temperature noise", number).standard_normal(len(t))
+        return sensor.at(run.begin + t) + noise
+
+    return _sampled(settings, runs, sensor.rate, read)
+
+
+def _sampled(
+    settings: RateTableSettings,
+    runs: Sequence[_Run],
+    rate: float,
+    read: Callable[[int, _Run, Float], Float],
+) -> Recorded:
+    """A sensor beside the gyros, at even instants of its own [Hz], while a run lasts.
+
+    ``read`` gives its readings in a run, by the run's number from 1, at times from its start [s].
+    """
     stamps, values = [], []
     for number, run in enumerate(runs, start=1):
-        instants = even_instants(int(run.motion.duration * sensor.rate * (1 + 1e-12)) + 1, sensor.rate)
-        noise = sensor.noise * generator(seed, "temperature noise", number).standard_normal(len(instants))
-        values.append(sensor.at(run.begin + _seconds(instants)) + noise)
+        instants = even_instants(int(run.motion.duration * rate * (1 + 1e-12)) + 1, rate)
+        values.append(read(number, run, in_seconds(instants)))
         stamps.append(settings.start + _nanoseconds(run.begin) + instants)
     time = np.concatenate(stamps)
     return Recorded(time, time, np.concatenate(values)[:, np.newaxis])
@@ -378,10 +393,6 @@ def _truth(
             for k, (run, edge) in enumerate(zip(runs, edges, strict=True))
         ],
     }
-
-
-def _seconds(time: Time) -> Float:
-    return np.asarray(time * 1e-9, dtype=np.float64)
 
 
 def _nanoseconds(seconds: float) -> int:

@@ -22,6 +22,8 @@ CaseAxis = Literal["p", "q", "r", "-p", "-q", "-r"]
 
 CASE_AXES: tuple[CaseAxis, ...] = get_args(CaseAxis)
 """The axes of the case, either way."""
+_HIGHEST = 5
+"""Order of non-linearity that a test plan may ask for."""
 _MOST = 0.5
 """Largest misalignment, ripple or error of scale: beyond it nothing is small any more."""
 
@@ -37,7 +39,7 @@ class TableGyro:
     asymmetry : float
         a, the difference of the scale factors of either direction over K [1].
     nonlinearity : mapping of int to float
-        c of each order, 2 or more, at the full scale of the settings [1].
+        c of each order, 2 to 5, at the full scale of the settings [1].
     bias : float
         b [rad/s].
     misalignment : tuple of float
@@ -68,9 +70,9 @@ class TableGyro:
         if not self.scale_factor:
             raise _wrong("scale_factor", "a scale factor other than 0", "0", "give another")
         for order, value in self.nonlinearity.items():
-            if order < 2 or not abs(value) <= _MOST:
-                found = f"{value:g} of order {order}"
-                raise _wrong("nonlinearity", f"orders from 2 on, up to {_MOST:g}", found, "choose another")
+            if not (2 <= order <= _HIGHEST and abs(value) <= _MOST):
+                expected = f"orders from 2 to {_HIGHEST}, parts up to {_MOST:g}"
+                raise _wrong("nonlinearity", expected, f"{value:g} of order {order}", "choose another")
 
     def input_axis(self, axis: Axis) -> Float:
         """Its unit vector in the axes of the case, where it is the gyro of that axis, shape (3,)."""
@@ -177,6 +179,8 @@ class Hand:
         require(self, "turns", least=-np.inf)
         for name in ("rest", "moving"):
             require(self, name, above=True)
+        if not all(self.turns):
+            raise _wrong("turns", "angles other than 0", "0", "leave it out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

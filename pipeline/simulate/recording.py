@@ -20,6 +20,7 @@ from pipeline.simulate.imperfections import (
     SimulationError,
     TimingErrors,
     generator,
+    in_seconds,
     nanoseconds,
     samples_at,
     within,
@@ -62,7 +63,7 @@ def transmitted(
     faults : dict
         Counts of lost and NaN samples; stamps of those that go back or are repeated; edges of the gaps [ns].
     """
-    count, seconds = len(instants), np.asarray(instants * 1e-9, dtype=np.float64)
+    count, seconds = len(instants), in_seconds(instants)
     bursts = within(timing.nan_bursts, seconds)
     given = np.where(bursts[:, np.newaxis], np.nan, values)
 

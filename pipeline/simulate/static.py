@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.models.random_error_increments import increments
-from pipeline.simulate.imperfections import even_instants, generator, quantised
+from pipeline.simulate.imperfections import even_instants, generator, in_seconds, quantised
 from pipeline.simulate.plan import Processing, plan_text
 from pipeline.simulate.recording import recorded_as_text, transmitted, write_recording
 from pipeline.simulate.static_settings import AXES, Axis, StaticSettings, turn_in
@@ -138,7 +138,7 @@ def simulate_static(settings: StaticSettings, seed: int = 0) -> SimulatedStatic:
     recorded, faults = transmitted(instants, values, settings.rate, settings.start, settings.timing, seed)
     table = None
     if settings.turning is not None:
-        t, turning = np.asarray(instants * 1e-9, dtype=np.float64), settings.turning
+        t, turning = in_seconds(instants), settings.turning
         shown = turning.rate * (t if turning.quantity == "table_angle" else np.ones_like(t))
         stamps = settings.start + instants
         table = Recorded(stamps, stamps, shown[:, np.newaxis])

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import units
 from pipeline.formats.base import Series
 
 Float = NDArray[np.float64]
@@ -58,8 +59,6 @@ _GIMBAL = ("vector.x", "vector.y")
 """Where a message carries alpha1 and alpha2."""
 _TABLE = "vector.z"
 """Where a message carries the angle, or the rate, of a table."""
-_CELSIUS = 273.15
-"""The zero of degrees Celsius [K]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +227,11 @@ def thermometer(recorded: Recorded, *, text: bool) -> RecordedStream:
         message_type="" if text else "sensor_msgs/msg/Temperature",
         log_time=recorded.log_time,
         header_stamp=recorded.header_stamp,
-        columns={path: recorded.values[:, 0] - _CELSIUS},
+        columns={path: recorded.values[:, 0] - units.zero(unit)},
     )
     topic = "" if text else series.topic
-    fields, units = {"temperature": path}, {"temperature": unit}
-    return RecordedStream("temperature", "temperature", topic, fields, units, series)
+    fields, stated = {"temperature": path}, {"temperature": unit}
+    return RecordedStream("temperature", "temperature", topic, fields, stated, series)
 
 
 def in_counts(stream: RecordedStream, unit: str, counts_per_unit: float) -> RecordedStream:

@@ -136,7 +136,7 @@ def _say_silent_channels(
         return
     for name, value in held.items():
         if value == 0 and report.stream not in _ANGLES:
-            text = f"zero throughout, while {', '.join(alive)} move"
+            text = f"zero throughout, while {', '.join(alive)} {'move' if len(alive) > 1 else 'moves'}"
             report.say("missing channel", "error", text, channel=name)
         else:
             report.say("constant", "info", f"{value:.6g} throughout", channel=name)

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.errors import ExitCode
+from pipeline.models.earth import DEGREES_PER_HOUR, RATE
 from pipeline.plan_faults import Fault
 from pipeline.stages._calibration_file import Calibration, CalibrationError
 from pipeline.stages._runs import is_bare
@@ -23,6 +24,8 @@ from pipeline.stages.quantities import StreamName
 
 _BEYOND = 1.001
 """Of the largest rate of the calibration: what lies beyond it is said."""
+_WARMER = 0.05
+"""Of the range of temperatures of the calibration, which are means of steps: what lies further is said."""
 
 
 def calibration_faults(streams: Mapping[StreamName, Stream]) -> Iterator[Fault]:
@@ -56,29 +59,33 @@ def corrected(samples: Samples, calibration: Calibration, temperature: Samples |
     ------
     CalibrationError
         If the calibration is of other channels, or needs a temperature that is not there (exit code 2).
-    pipeline.models.rate_table_steps.RateTableError
-        If an output is none that the calibrated gyro can have (exit code 1).
     """
     _require_same_channels(samples, calibration)
     samples = replace(samples, values=samples.values.copy(), findings=list(samples.findings))
     _spread_missing(samples, calibration)
     warm = _temperature_at(samples, temperature, calibration) if calibration.thermal else None
     errors = np.empty_like(samples.values)
-    beyond: Mask = np.zeros(len(samples.time), dtype=np.bool_)
+    beyond, impossible = np.zeros((2, len(samples.time)), dtype=np.bool_)
     with np.errstate(all="ignore"):  # infinities that were recorded
         for channels, model in calibration.models.items():
             places = [samples.channels.index(channel) for channel in channels.split()]
             raw = samples.values[:, places]
             rate, error = model.apply(raw if len(places) > 1 else raw[:, 0], warm)
+            lost = ~np.isfinite(rate.reshape(raw.shape)).all(axis=1)
+            impossible |= np.isfinite(raw).all(axis=1) & lost
             samples.values[:, places] = rate.reshape(raw.shape)
             errors[:, places] = error.reshape(raw.shape)
             size = np.abs(samples.values[:, places])
             largest = _BEYOND * calibration.largest_rate[channels]
-            np.logical_or(beyond, ((size > largest) & np.isfinite(size)).any(axis=1), out=beyond)
+            beyond |= ((size > largest) & np.isfinite(size)).any(axis=1)
     _say(samples, calibration, errors)
     limits = {f"{calibration.largest_rate[c]:.6g} rad/s" for c in calibration.models}
     detail = f"beyond the largest rate that was calibrated with, {' or '.join(sorted(limits))}"
     samples.say("beyond the calibration", "warning", detail, beyond)
+    detail = "with an output that the calibrated gyro cannot have at any rate, which becomes NaN"
+    samples.say("not corrected", "warning", detail, impossible)
+    if warm is not None:
+        _say_extrapolated(samples, calibration, warm)
     return samples
 
 
@@ -86,7 +93,8 @@ def _require_same_channels(samples: Samples, calibration: Calibration) -> None:
     if set(samples.channels) != set(calibration.channels):
         raise CalibrationError(
             calibration.where,
-            expected=f"a calibration of the channels {', '.join(samples.channels)} of the test plan",
+            expected=f"a calibration of the channel{'s'[: len(samples.channels) > 1]} "
+            f"{', '.join(samples.channels)} of the test plan",
             found=f"one of {', '.join(calibration.channels)}",
             remedy="map the channels that are calibrated, or name the calibration of this gyro",
             exit_code=ExitCode.USAGE,
@@ -127,11 +135,23 @@ def _temperature_at(samples: Samples, temperature: Samples | None, calibration: 
     return np.asarray(np.interp(samples.time - origin, time - origin, value), dtype=np.float64)
 
 
+def _say_extrapolated(samples: Samples, calibration: Calibration, warm: Float) -> None:
+    """Where the temperature is beyond those that were calibrated with."""
+    beyond: Mask = np.zeros(len(warm), dtype=np.bool_)
+    for low, high in calibration.temperatures.values():
+        margin = _WARMER * (high - low)
+        beyond |= (warm < low - margin) | (warm > high + margin)
+    ranges = {f"{low:.6g} K to {high:.6g} K" for low, high in calibration.temperatures.values()}
+    detail = f"at a temperature beyond those that were calibrated with, {' or '.join(sorted(ranges))}"
+    samples.say("beyond the calibration", "warning", detail, beyond)
+
+
 def _say(samples: Samples, calibration: Calibration, errors: Float) -> None:
     """Which calibration was applied, and how well it tells the rates at worst."""
     finite = np.where(np.isfinite(errors), errors, 0.0)
     known = [
-        f"{largest:.3g} rad/s in {c}" for c, largest in zip(samples.channels, finite.max(axis=0), strict=True)
+        f"{largest / RATE * DEGREES_PER_HOUR:.3g} deg/h in {c}"
+        for c, largest in zip(samples.channels, finite.max(axis=0), strict=True)
     ]
     methods = ", ".join(dict.fromkeys(calibration.methods.values()))
     detail = (

@@ -1,9 +1,9 @@
 """The file of a calibration: what ``gyrostand calibration export`` writes and a test plan's gyro names.
 
-It is JSON, one parameter a line, so that versions of it can be compared: each model of `models.rate_table`
-(a gyro) or `models.rate_table_triad` (a case of three) with its parameters, their standard errors and
-correlations, and from which recording it came. The outputs that it corrects are rates in rad/s by unit and
-scale of a test plan, before its rotation.
+It is JSON, one parameter a line, so that versions of it can be compared: each model of
+`models.rate_table_model` (a gyro) or `models.rate_table_triad_model` (a case of three) with its parameters,
+their standard errors and correlations, and from which recording it came. The outputs that it corrects are
+rates in rad/s by unit and scale of a test plan, before its rotation.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from pipeline.errors import ExitCode, GyrostandError
-from pipeline.models.rate_table import AxisCalibration, Terms, axis_calibration
-from pipeline.models.rate_table_triad import BIAS, BIAS_TEMPERATURE, SENSITIVITY, TriadCalibration
+from pipeline.models.rate_table_model import AxisCalibration, Terms, axis_calibration
+from pipeline.models.rate_table_triad_model import SENSITIVITY, TriadCalibration, triad_names, triad_terms
 from pipeline.stages.base import Settings as _Settings
 
 Float = NDArray[np.float64]
@@ -38,6 +38,10 @@ _LARGEST = 2**20
 """Bytes of a file: a triad takes some 4 kB."""
 _ROUNDING = 1e-9
 """Eigenvalue below zero of a matrix of correlations that is still none but rounding."""
+_INVERTIBLE = 0.1
+"""Of the scale factor: the standard error of a sensitivity up to which that of a rate is of first order in
+it; the second is a hundredth then."""
+_SENSITIVITIES = frozenset({*SENSITIVITY, "scale_factor"})
 _UNITS: Mapping[str, str] = MappingProxyType(
     {
         "bias": "rad/s",
@@ -62,7 +66,7 @@ class _Parameter(_Settings):
 
     @model_validator(mode="after")
     def _unit_is_that_of_the_model(self) -> Self:
-        known = _UNITS.get(_without_channel(self.name), "1")
+        known = unit_of(self.name)
         if self.unit != known:
             raise ValueError(f"{self.name} in {known!r}; found {self.unit!r}")
         return self
@@ -72,22 +76,31 @@ class _Model(_Settings):
     channels: Channels
     method: Literal["rates", "turns", "positions", "joined"]
     reference_temperature: float | None = Field(ge=0)
-    largest_rate: float = Field(ge=0)
+    lowest_temperature: float | None = Field(None, ge=0)
+    highest_temperature: float | None = Field(None, ge=0)
+    largest_rate: float = Field(gt=0)
     parameters: tuple[_Parameter, ...]
     correlation: tuple[tuple[float, ...], ...]
 
     @model_validator(mode="after")
     def _is_a_model(self) -> Self:
         names = tuple(parameter.name for parameter in self.parameters)
-        if not _known(self.channels, names):
+        if _terms(self.channels, names) is None:
             raise ValueError(f"the parameters of a model, in order; found {', '.join(names) or 'none'}")
         if self.reference_temperature is None and any("temperature" in name for name in names):
             raise ValueError("a reference_temperature beside terms of temperature; found null")
+        low, high = self.lowest_temperature, self.highest_temperature
+        if (low is None) != (high is None) or (low is not None and high is not None and low > high):
+            raise ValueError(f"lowest_temperature up to highest_temperature, or neither; found {low}, {high}")
         if tuple(map(len, self.correlation)) != tuple(range(1, len(names) + 1)):
             raise ValueError(f"the lower triangle of {len(names)} correlations; found another shape")
         R = self.correlations
         if not np.array_equal(np.diag(R), np.ones(len(names))) or np.linalg.eigvalsh(R)[0] < -_ROUNDING:
             raise ValueError("correlations, 1 on the diagonal and positive definite; found others")
+        told = [parameter.value for parameter in self.parameters if parameter.name in _SENSITIVITIES]
+        S = np.array(told).reshape((3, 3) if self.channels == _TRIAD else (1, 1))
+        if np.linalg.matrix_rank(S) < len(S):
+            raise ValueError("sensitivities that can be inverted; found a singular matrix")
         return self
 
     @property
@@ -97,17 +110,24 @@ class _Model(_Settings):
         return np.asarray(L + np.tril(L, -1).T, dtype=np.float64)
 
     @property
+    def temperatures(self) -> tuple[float, float] | None:
+        """Between which it was calibrated [K]."""
+        if self.lowest_temperature is None or self.highest_temperature is None:
+            return None
+        return self.lowest_temperature, self.highest_temperature
+
+    @property
     def calibration(self) -> AxisCalibration | TriadCalibration:
         """The model itself."""
         value = np.array([parameter.value for parameter in self.parameters])
         error = np.array([parameter.standard_error for parameter in self.parameters])
         covariance = error[:, np.newaxis] * self.correlations * error
         T0 = float("nan") if self.reference_temperature is None else self.reference_temperature
-        if self.channels == _TRIAD:
-            names = (SENSITIVITY + BIAS + BIAS_TEMPERATURE)[: len(value)]
-            return TriadCalibration(names, value, covariance, error, T0)
-        terms = Terms.of_names([parameter.name for parameter in self.parameters])
+        terms = _terms(self.channels, tuple(parameter.name for parameter in self.parameters))
         assert terms is not None, "checked when the model was made"
+        if self.channels == _TRIAD:
+            names = triad_names(terms)
+            return TriadCalibration(terms, names, value, covariance, error, T0, self.largest_rate)
         return axis_calibration(
             terms, value, covariance, reference_temperature=T0, largest_rate=self.largest_rate
         )
@@ -153,6 +173,8 @@ class Calibration:
         By what each was calibrated.
     largest_rate : mapping of str to float
         Up to which each was calibrated [rad/s].
+    temperatures : mapping of str to (float, float)
+        Between which each that has a term of temperature was calibrated [K]; not all files say it.
     """
 
     where: str
@@ -162,6 +184,7 @@ class Calibration:
     models: Mapping[str, AxisCalibration | TriadCalibration]
     methods: Mapping[str, str]
     largest_rate: Mapping[str, float]
+    temperatures: Mapping[str, tuple[float, float]]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -215,7 +238,15 @@ def _checked(content: bytes, where: str) -> Calibration:
         models={model.channels: model.calibration for model in file.models},
         methods={model.channels: model.method for model in file.models},
         largest_rate={model.channels: model.largest_rate for model in file.models},
+        temperatures={model.channels: model.temperatures for model in file.models if model.temperatures},
     )
+
+
+def model_rows(parameters: pa.Table) -> list[dict[str, Any]]:
+    """The rows of ``calibration`` that correct a record: the triad's where there is one, else each gyro's."""
+    kept = [row for row in parameters.to_pylist() if row["role"] == "model"]
+    triad = [row for row in kept if not row["gyro"]]
+    return triad or kept
 
 
 def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenance: Mapping[str, str]) -> str:
@@ -233,24 +264,16 @@ def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenan
     Raises
     ------
     CalibrationError
-        If it does not tell all that correcting a record needs (exit code 1).
+        If a parameter that correcting a record needs has no figure, or a sensitivity is too uncertain (exit
+        code 1).
     """
-    kept = [row for row in parameters.to_pylist() if row["role"] == "model"]
-    gyros = list(dict.fromkeys(row["gyro"] for row in kept))
-    chosen = [""] if "" in gyros else gyros
     where = f"recording {recording!r}"
-    for row in kept:
-        if row["gyro"] in chosen and (row["state"] != "determined" or row["standard_error"] is None):
-            raise CalibrationError(
-                where,
-                expected="a calibration that tells all that correcting a record needs",
-                found=f"{row['parameter']} of {row['gyro'] or 'the triad'}, which is {row['state']}",
-                remedy="calibrate with rotation about all axes that the gyro has",
-                exit_code=ExitCode.NOT_MET,
-            )
+    kept = model_rows(parameters)
+    _require_told(kept, where)
     products = {(row["gyro"], row["row"], row["column"]): row["value"] for row in covariance.to_pylist()}
     models = [
-        _lines_of_model(gyro, [row for row in kept if row["gyro"] == gyro], products) for gyro in chosen
+        _lines_of_model(gyro, [row for row in kept if row["gyro"] == gyro], products)
+        for gyro in dict.fromkeys(row["gyro"] for row in kept)
     ]
     head = {
         "format": FORMAT,
@@ -265,6 +288,34 @@ def text_of(recording: str, parameters: pa.Table, covariance: pa.Table, provenan
     return text
 
 
+def _require_told(kept: Sequence[Mapping[str, Any]], where: str) -> None:
+    """Refuse what has no figure, and sensitivities too uncertain for the inverse of the model."""
+    sizes = [abs(row["value"] or 0.0) for row in kept if row["parameter"] in _SENSITIVITIES]
+    lacking = [row for row in kept if row["standard_error"] is None]
+    told = [row for row in kept if row not in lacking and row["parameter"] in _SENSITIVITIES]
+    vague = [row for row in told if row["standard_error"] > _INVERTIBLE * max(sizes)]
+    found = [f"none of {_named(lacking)}"] if lacking else []
+    if vague:
+        worst = max(row["standard_error"] for row in vague)
+        up_to = "up to " if len(vague) > 1 else ""
+        found.append(f"{_named(vague)} with a standard error of {up_to}{worst:.2g}")
+    if not found:
+        return
+    expected = f"all that correcting a record needs, sensitivities to {_INVERTIBLE:.0%} of the scale factor"
+    remedy = "calibrate with rotation about all axes that the gyro has"
+    raise CalibrationError(
+        where, expected=expected, found=", and ".join(found), remedy=remedy, exit_code=ExitCode.NOT_MET
+    )
+
+
+def _named(told: Sequence[Mapping[str, Any]]) -> str:
+    """Parameters in words, those of the triad together."""
+    return ", ".join(
+        f"{', '.join(row['parameter'] for row in told if row['gyro'] == gyro)} of {gyro or 'the triad'}"
+        for gyro in dict.fromkeys(row["gyro"] for row in told)
+    )
+
+
 def _lines_of_model(
     gyro: str, parameters: Sequence[Mapping[str, Any]], products: Mapping[tuple[str, str, str], float]
 ) -> str:
@@ -274,7 +325,7 @@ def _lines_of_model(
     head = {
         "channels": gyro or _TRIAD,
         "method": first["method"],
-        "reference_temperature": first["reference_temperature"],
+        **{key: first[key] for key in ("reference_temperature", "lowest_temperature", "highest_temperature")},
         "largest_rate": first["largest_rate"],
     }
     stated = [
@@ -304,16 +355,14 @@ def _correlation(product: float, one: float, other: float) -> float:
     return product / (one * other) if one and other else 0.0
 
 
-def _known(channels: Channels, names: tuple[str, ...]) -> bool:
-    """Whether a model of these channels has these parameters."""
-    if channels != _TRIAD:
-        return Terms.of_names(names) is not None
-    plain = (*SENSITIVITY, *(f"bias_{c}" for c in "pqr"))
-    return names in (plain, (*plain, *(f"bias_temperature_sensitivity_{c}" for c in "pqr")))
+def _terms(channels: Channels, names: tuple[str, ...]) -> Terms | None:
+    """The terms of the model of these channels that has these parameters, in order; None: there is none."""
+    return triad_terms(names, channels.split()) if channels == _TRIAD else Terms.of_names(names)
 
 
-def _without_channel(name: str) -> str:
-    return name[:-2] if name[-2:] in ("_p", "_q", "_r") else name
+def unit_of(name: str) -> str:
+    """Unit of a parameter of a gyro, or of a gyro of the triad."""
+    return _UNITS.get(name[:-2] if name[-2:] in ("_p", "_q", "_r") else name, "1")
 
 
 def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
@@ -340,7 +389,8 @@ def _first_fault(error: ValidationError) -> tuple[str, str]:
     if details["type"] == "extra_forbidden":
         return "no key beside those that 'gyrostand calibration export' writes", repr(key)
     found = repr(details["input"])
-    return f"{key}: {details['msg'].lower()}", found if len(found) < 60 else f"{found[:60]}…"
+    said = details["msg"][:1].lower() + details["msg"][1:]
+    return f"{key}: {said}", found if len(found) < 60 else f"{found[:60]}…"
 
 
 def _damaged(where: str, expected: str, found: str) -> CalibrationError:

@@ -11,8 +11,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.errors import ExitCode
+from pipeline.models import earth
 from pipeline.models.multi_position import Turn, observe_positions, observe_turns, position
-from pipeline.models.rate_table_observations import Observations, joined, observe_runs
+from pipeline.models.rate_table_observations import Observations, joined, observe_runs, with_bias
 from pipeline.models.rate_table_observations import Run as TriadRun
 from pipeline.models.rate_table_steps import Steps, TableAxis
 from pipeline.stages._calibration_settings import Method, Settings, Stretch
@@ -24,7 +25,8 @@ from pipeline.stages.base import StageError, Stand
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 
-_DEG_H = float(np.radians(1) / 3600)
+_ANY_WAY = 1 / np.sqrt(3)
+"""Standard deviation of a component of a unit vector that may point anywhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,13 @@ class Stretches:
     def __len__(self) -> int:
         """How many."""
         return len(self.method)
+
+    @property
+    def apart(self) -> Float:
+        """Time between the middles of each two [s], shape (m, m); infinite between runs."""
+        middle = (self.start - self.start[0]) / 2e9 + (self.stop - self.start[0]) / 2e9
+        other = np.array([[a != b for b in self.run] for a in self.run])
+        return np.where(other, np.inf, np.abs(middle[:, np.newaxis] - middle))
 
     @classmethod
     def joined(cls, parts: Sequence[Stretches]) -> Stretches:
@@ -188,10 +197,11 @@ def observe_rates(
     """The steps of runs as observations of a triad."""
     made = [
         TriadRun(
+            _run_name(run.stretches.run[0]),
             run.steps,
             run.to_case,
             float(np.radians(settings.orientation_error_deg)),
-            settings.bias_error_deg_h * _DEG_H,
+            settings.bias_error_deg_h * earth.RATE / earth.DEGREES_PER_HOUR,
             table_axis(stand),
         )
         for run in runs
@@ -200,7 +210,11 @@ def observe_rates(
 
 
 def observe_by_turns(runs: Sequence[TableRun], settings: Settings) -> tuple[Observations, Stretches]:
-    """Turns by known angles and rest between them, run by run."""
+    """Turns by known angles and rest between them, run by run.
+
+    The Earth's rate, of unknown direction in the case, is left in them. By themselves they tell the bias with
+    it; beside another method each run of them has a bias of its own, about that of all, of that size.
+    """
     angle_error, axis_error = np.radians(
         [settings.turn_angle_error_deg, settings.turn_axis_error_deg]
     ).tolist()
@@ -223,9 +237,10 @@ def observe_by_turns(runs: Sequence[TableRun], settings: Settings) -> tuple[Obse
         ] + [Turn(rest.start, rest.stop, direction("p"), 0.0) for rest in rested]
         observed = observe_turns(run.seconds(run.gyro.time), run.gyro.values, stretches)
         if run.number is not None:  # turns of two runs share no error
-            named = tuple(f"{name}_run_{run.number + 1}" for name in observed.unknowns)
+            named = tuple(f"{name}_{_run_name(run.number)}" for name in observed.unknowns)
             observed = replace(observed, unknowns=named)
-        parts.append(observed)
+        left = earth.RATE * _ANY_WAY if len(settings.methods) > 1 else 0.0
+        parts.append(with_bias(observed, left, f"turns_{_run_name(run.number)}"))
         places.append(_places("turns", run, [*turned, *rested]))
     return joined(parts), Stretches.joined(places)
 
@@ -250,6 +265,11 @@ def observe_in_positions(
         orientation_error=float(np.radians(settings.orientation_error_deg)),
     )
     return observed, Stretches.joined(places)
+
+
+def _run_name(number: int | None) -> str:
+    """A run in the names of unknowns, counted as in the tables."""
+    return "run" if number is None else f"run_{number}"
 
 
 def _signed(axis: CaseAxis) -> int:

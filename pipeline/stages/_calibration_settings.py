@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Literal, Self, get_args
+from dataclasses import replace
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pipeline.models.rate_table import Terms
+from pipeline.models.rate_table_model import Terms
 from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._rate_table_record import AXES
 from pipeline.stages._runs import CaseAxis, Run
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Stand
 from pipeline.stages.channel_map import Name, Stream
-from pipeline.stages.quantities import QUANTITIES, StreamName
+from pipeline.stages.quantities import StreamName
 
 Method = Literal["rates", "turns", "positions"]
-METHODS: tuple[Method, ...] = get_args(Method)
 
 HIGHEST_ORDER = 5
 """Of a nonlinearity: higher ones are no longer told apart by the rates of a table."""
-
-_CHANNELS = tuple(QUANTITIES["angular_rate"])
 
 
 class Stretch(_Settings):
@@ -85,7 +84,7 @@ class Settings(_Settings):
     )
     bias_temperature: bool = Field(False, description="whether the bias depends on the temperature")
     scale_factor_temperature: bool = Field(
-        False, description="whether the scale factor of a single axis depends on the temperature"
+        False, description="whether the scale factor depends on the temperature"
     )
     reference_temperature: float | None = Field(
         None, gt=0, description="temperature at which bias and scale factor hold, K; None: the mean"
@@ -94,13 +93,13 @@ class Settings(_Settings):
         0.0,
         ge=0,
         le=10,
-        description="standard deviation of the case's orientation in each run on the table, and in each "
-        "position, about each axis, degrees",
+        description="of a triad: standard deviation of the case's orientation in each run on the table, and "
+        "in each position, about each axis, degrees",
     )
     bias_error_deg_h: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the biases of a run about those of all, deg/h",
+        description="of a triad: standard deviation of the biases of a run about those of all, deg/h",
     )
     turns: tuple[Turn, ...] = Field((), description="stretches in which the case was turned")
     rests: tuple[Rest, ...] = Field((), description="stretches of rest beside the turns")
@@ -138,8 +137,20 @@ class Settings(_Settings):
 
     @property
     def terms(self) -> Terms:
-        """Of a single axis."""
+        """Of a gyro by the rates of a table."""
         return Terms(self.asymmetry, self.nonlinearity, self.bias_temperature, self.scale_factor_temperature)
+
+    @property
+    def triad_terms(self) -> Terms:
+        """Of each gyro of a triad: those that what it is calibrated by can tell.
+
+        The Earth's rate, and turns by hand, are too small or too rough for the scale factor to depend on
+        anything; of a turn only the mean of the rate is known, none of its powers.
+        """
+        if "rates" not in self.methods:
+            return Terms(bias_temperature=self.bias_temperature)
+        orders = () if "turns" in self.methods else self.nonlinearity
+        return replace(self.terms, nonlinearity=orders)
 
     @property
     def stretches(self) -> Iterator[tuple[str, int, Stretch]]:
@@ -184,10 +195,10 @@ def _stream_faults(
         expected = "'angular_rate' for the procedure 'rate_table'"
         yield Fault(("streams", "gyro", "quantity"), expected, repr(gyro.quantity), "record rates")
         return
-    missing = [name for name in _CHANNELS if name not in gyro.channels]
+    missing = [name for name in AXES if name not in gyro.channels]
     whole = [method for method in settings.methods if method != "rates"]
     if whole and missing:
-        expected = f"the channels {', '.join(_CHANNELS)}, for the method {whole[0]!r}"
+        expected = f"the channels {', '.join(AXES)}, for the method {whole[0]!r}"
         remedy = f"add channels.{missing[0]} = {{ field = …, unit = … }}"
         yield Fault(("streams", "gyro", "channels"), expected, f"no {', '.join(missing)}", remedy)
     if "rates" in settings.methods and not runs and len(gyro.channels) > 1:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from pipeline.models.rate_table import SingleAxis
 from pipeline.models.rate_table_observations import Observations
-from pipeline.models.rate_table_triad import Decomposition, Triad
+from pipeline.models.rate_table_triad import Triad
+from pipeline.models.rate_table_triad_model import Decomposition
+from pipeline.stages._calibration_file import unit_of
 from pipeline.stages._calibration_observations import Stretches
 from pipeline.stages._rate_table_record import AXES
 
@@ -21,12 +23,6 @@ Rows = Iterator[dict[str, Any]]
 Role = Literal["model", "derived"]
 
 _PPM = 1e6
-_SINGLE_UNITS = {
-    "bias": "rad/s",
-    "bias_temperature_sensitivity": "rad/s/K",
-    "scale_factor_temperature_sensitivity": "1/K",
-}
-"""Of what is not a pure number."""
 
 
 def lettered(name: str) -> str:
@@ -37,31 +33,30 @@ def lettered(name: str) -> str:
     return f"{stem}_{''.join(AXES[int(axis) - 1] for axis in axes)}"
 
 
-def single_axis_rows(fit: SingleAxis, channel: str, role: Role) -> Rows:
+def single_axis_rows(fit: SingleAxis, channel: str, role: Role, stretches: Stretches) -> Rows:
     """Rows of ``calibration`` of one gyro by its own axis."""
-    fixed = _fixed("rates", channel, fit.reference_temperature, fit.largest_rate)
+    fixed = _fixed("rates", channel, fit, stretches)
     for name, value, error in zip(fit.names, fit.value, fit.standard_errors, strict=True):
-        unit = _SINGLE_UNITS.get(name, "1")
-        yield {**fixed, **_row(name, value, error, unit, "determined"), "role": role}
-    deviation = float(np.abs(fit.deviation).max() / fit.full_scale)
-    for name, value, unit in (("linearity_error", deviation, "1"), ("step_scatter", fit.scatter, "rad/s")):
+        yield {**fixed, **_row(name, value, error, unit_of(name), "determined"), "role": role}
+    linearity = fit.linearity_error_ppm / _PPM
+    for name, value, unit in (("linearity_error", linearity, "1"), ("step_scatter", fit.scatter, "rad/s")):
         yield {**fixed, **_row(name, value, None, unit, "determined"), "role": "derived"}
 
 
-def cross_axis_row(fit: SingleAxis, channel: str, along: str) -> dict[str, Any]:
+def cross_axis_row(fit: SingleAxis, channel: str, along: str, stretches: Stretches) -> dict[str, Any]:
     """The row of ``calibration`` of what one gyro tells of the rate about another axis."""
     name = f"S{AXES.index(channel) + 1}{AXES.index(along) + 1}"
-    fixed = _fixed("rates", "", fit.reference_temperature, fit.largest_rate)
+    fixed = _fixed("rates", "", fit, stretches)
     value, error = float(fit.value[1]), float(fit.standard_errors[1])
     return {**fixed, **_row(name, value, error, "1", "determined"), "role": "derived"}
 
 
-def triad_rows(fit: Triad, method: str, largest: float) -> Rows:
+def triad_rows(fit: Triad, method: str, stretches: Stretches) -> Rows:
     """Rows of ``calibration`` of three gyros together."""
-    fixed = _fixed(method, "", fit.reference_temperature, largest)
+    fixed = _fixed(method, "", fit, stretches)
     states = dict(zip(fit.observability.names, fit.observability.states, strict=True))
     for name, value, error in zip(fit.names, fit.value, fit.standard_error, strict=True):
-        unit = "1" if name.startswith("S") else "rad/s/K" if "temperature" in name else "rad/s"
+        unit = unit_of(lettered(name))
         state = states[name] if np.isfinite(error) or states[name] != "determined" else "undetermined"
         yield {**fixed, **_row(lettered(name), value, error, unit, state), "role": "model"}
     told = decomposed(fit)
@@ -88,7 +83,7 @@ def decomposed(fit: Triad) -> Decomposition:
 
 def covariance_rows(gyro: str, names: Sequence[str], covariance: Float) -> Rows:
     """Rows of ``calibration_covariance``."""
-    units = [_unit_of(name) for name in names]
+    units = [unit_of(name) for name in names]
     covariance = (covariance + covariance.T) / 2  # but for rounding it is symmetric
     for i, j in product(range(len(names)), repeat=2):
         yield {
@@ -118,7 +113,7 @@ def single_axis_residuals(fit: SingleAxis, channel: str, output: Float, stretche
 
 def triad_residuals(fit: Triad, observed: Observations, stretches: Stretches) -> Rows:
     """Rows of ``calibration_residuals`` of three gyros."""
-    scale = np.abs(decomposed(fit).value[:3]) * np.linalg.norm(observed.rate, axis=1).max()
+    scale = np.abs(decomposed(fit).value[:3]) * fit.largest_rate
     for k in range(len(stretches)):
         for i, channel in enumerate(AXES):
             yield {
@@ -145,12 +140,15 @@ def _place(stretches: Stretches, k: int) -> dict[str, Any]:
     }
 
 
-def _fixed(method: str, gyro: str, temperature: float, largest: float) -> dict[str, Any]:
+def _fixed(method: str, gyro: str, fit: SingleAxis | Triad, stretches: Stretches) -> dict[str, Any]:
+    met = stretches.temperature if fit.terms.thermal else None
     return {
         "method": method,
         "gyro": gyro,
-        "reference_temperature": temperature if np.isfinite(temperature) else None,
-        "largest_rate": largest,
+        "reference_temperature": None if met is None else fit.reference_temperature,
+        "lowest_temperature": None if met is None else float(met.min()),
+        "highest_temperature": None if met is None else float(met.max()),
+        "largest_rate": fit.largest_rate,
     }
 
 
@@ -163,13 +161,6 @@ def _row(name: str, value: float, error: float | None, unit: str, state: str) ->
         "unit": unit,
         "state": state,
     }
-
-
-def _unit_of(name: str) -> str:
-    """Of a parameter of role model."""
-    if name.startswith("bias_temperature"):
-        return "rad/s/K"
-    return "rad/s" if name.startswith("bias") else _SINGLE_UNITS.get(name, "1")
 
 
 def _product(one: str, other: str) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.models.random_error import RandomError
 from pipeline.models.random_error_fit import Candidate
 from pipeline.models.random_error_growth import Band, growth, recommended_rate, worse_bands
+from pipeline.stages._noise_findings import is_fast
 
 _BEYOND = 100.0
 """Times the highest rate from which on a figure says nothing to anybody."""
@@ -38,13 +39,33 @@ class Advice:
     reason: str
 
 
-def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
-    """Advise on a rate up to the highest [rad/s] that leaves colour a fraction of white noise's growth."""
+def known_bands(model: RandomError, step: float) -> tuple[Band, ...]:
+    """Rates at which rotation makes worse, as far as samples every step [s] show them: below pi / step.
+
+    A step of 0 bounds nothing; of a colour as fast as the samples none are known.
+    """
+    if is_fast(model, step):
+        return ()
+    nyquist = np.pi / step if step else np.inf
+    return tuple(Band(b.low, min(b.high, nyquist)) for b in worse_bands(model) if b.low < nyquist)
+
+
+def advise(chosen: Candidate, fraction: float, highest: float, step: float) -> Advice:
+    """Advise on a rate up to the highest [rad/s] that leaves colour a fraction of white noise's growth.
+
+    What samples every step [s] do not show, 0 if that is unknown, is not advised.
+    """
     model = chosen.model
     if not chosen.fits:
         reason = (
             f"none: the chosen model does not describe the record (probability {chosen.whiteness:.2g}); "
             "growth and its intervals are the model's, not the gyro's"
+        )
+        return Advice(None, None, None, None, reason)
+    if is_fast(model, step):
+        reason = (
+            f"none: the colour is as fast as the samples, one every {step:.4g} s, which cannot tell it from "
+            "the quantisation of the output or an alias: record with a finer resolution, or faster"
         )
         return Advice(None, None, None, None, reason)
     rate = recommended_rate(model, fraction)
@@ -55,7 +76,13 @@ def advise(chosen: Candidate, fraction: float, highest: float) -> Advice:
             f"than the fraction {fraction:g}"
         )  # fmt: skip
         return Advice(0.0, None, 1.0, None, reason)
-    bands = worse_bands(model)
+    bands = known_bands(model, step)
+    if step * rate > np.pi:
+        reason = (
+            f"none: coloured noise falls to the fraction {fraction:g} of white noise's growth beyond "
+            f"{180 / step:.3g} deg/s only, which samples every {step:.4g} s do not show"
+        )
+        return Advice(None, None, None, None, reason)
     if rate > highest:
         only = f"only at {np.degrees(rate):.3g} deg/s" if rate < _BEYOND * highest else "at no rate in reach"
         reason = (

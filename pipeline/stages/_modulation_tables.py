@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from pipeline.models.random_error_fit import Candidate
 from pipeline.models.random_error_growth import (
+    Band,
     growth,
     reversing_growth,
     schuler_growth,
     variance,
-    worse_bands,
 )
 from pipeline.stages._noise_tables import QUANTILE
 
@@ -27,8 +27,10 @@ _FIRST = 1e-4
 """The first of them, as a part of the last."""
 
 
-def modulation_rows(channel: str, chosen: Candidate, rates: Float, *, schuler: bool, turns: float) -> Rows:
-    """Rows of ``modulation``: the growth coefficient at each rate [rad/s].
+def modulation_rows(
+    channel: str, chosen: Candidate, rates: Float, bands: Sequence[Band], *, schuler: bool, turns: float
+) -> Rows:
+    """Rows of ``modulation``: the growth coefficient at each rate [rad/s], and whether it is in a worse band.
 
     The interval is that of its logarithm; null where the record does not determine it. Of a rate random walk
     at rest no growth is told, which has no bound.
@@ -39,7 +41,6 @@ def modulation_rows(channel: str, chosen: Candidate, rates: Float, *, schuler: b
     error = np.full(len(rates), np.inf)
     error[bounded] = chosen.standard_error(lambda one: np.log(growth(one, rates[bounded])))
     low, high = _interval(np.where(bounded, size, 1.0), error)
-    bands = worse_bands(model)
     beyond = schuler_growth(model, rates)
     for k, rate in enumerate(rates.tolist()):
         yield {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import get_args
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +16,6 @@ from pipeline.stages.quantities import QUANTITIES, StreamName
 
 Float = NDArray[np.float64]
 
-CASE_AXES: tuple[CaseAxis, ...] = get_args(CaseAxis)
 ON_TABLE: tuple[StreamName, ...] = ("gyro", "turntable", "temperature")
 """The streams of a rate table, which its runs part."""
 

@@ -8,11 +8,12 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
+from pipeline.models.random_error import RandomError
 from pipeline.models.random_error_fit import UNLIKELY, Candidate, Identified
 from pipeline.models.rotation_record import HARMONICS, Demodulation
 from pipeline.numerics.noise_coefficients import NoiseCoefficients, in_datasheet_units
 from pipeline.stages._noise_motion import Motion
-from pipeline.stages._noise_record import Record, usual_share
+from pipeline.stages._noise_record import Channel, Record, usual_share
 from pipeline.stages._noise_tables import CANDIDATES
 from pipeline.stages.base import StageError, counted, finding
 
@@ -24,6 +25,18 @@ _COARSE = 0.5
 """Share of one value from which on the resolution rules the noise."""
 _FEWEST_TURNS = 3.0
 """Periods of a slow colour in the record from which on it is a line."""
+_FAST_STEPS = 3.0
+"""Samples in a time constant below which a colour is as fast as the samples: their steps look the same."""
+_FAST_PART = 0.75
+"""Part of Nyquist's frequency from which on a colour's period may as well be an alias of a faster one."""
+
+
+def is_fast(model: RandomError, step: float) -> bool:
+    """Whether samples every step [s] cannot tell the model's colour from quantisation or an alias."""
+    return any(
+        noise.mu * step * _FAST_STEPS > 1 or getattr(noise, "lambda_", 0.0) * step > _FAST_PART * np.pi
+        for noise in model.coloured
+    )
 
 
 def stamps(record: Record) -> Findings:
@@ -118,21 +131,27 @@ def _fit_of_coefficients(found: NoiseCoefficients) -> tuple[float, float]:
     return float(min(tail[worst] * len(tail), 1.0)), float(found.tau[worst])
 
 
-def model(
-    stream: str, channel: str, found: Identified, told: NoiseCoefficients | None, duration: float
-) -> Findings:
+def model(record: Record, channel: Channel, found: Identified, told: NoiseCoefficients | None) -> Findings:
     """Why the chosen model is not to be trusted, where it is not."""
+    step, duration = record.step, len(channel.rate) * record.step
     best, name = found.chosen, CANDIDATES[found.chosen.form]
     walks = any("K" in one.names for one in found.candidates)
     if best.slow and (not walks or "lambda" in best.names):
         detail = f"{name}: {_slow(best, duration, told)}; sigma and mu are not to be trusted"
-        yield _finding(stream, channel, "slow colour", "warning", detail)
+        yield _finding(record.stream, channel.name, "slow colour", "warning", detail)
+    if is_fast(best.model, step):
+        detail = (
+            f"{name}: the colour is as fast as the samples ({_speed(best)}, a sample every {step:.4g} s), "
+            "which cannot tell it from the quantisation of the output or an alias; its parameters are not to "
+            "be trusted"
+        )
+        yield _finding(record.stream, channel.name, "fast colour", "warning", detail)
     if not best.fits:
         detail = f"{name} does not describe the periodogram (probability {best.whiteness:.2g})"
-        yield _finding(stream, channel, "model does not fit", "warning", detail)
+        yield _finding(record.stream, channel.name, "model does not fit", "warning", detail)
     if not best.converged:
         detail = f"{name}: the likelihood's maximum was not reached"
-        yield _finding(stream, channel, "not converged", "warning", detail)
+        yield _finding(record.stream, channel.name, "not converged", "warning", detail)
 
 
 def no_walk(stream: str, channel: str) -> dict[str, Any]:
@@ -152,6 +171,13 @@ def demodulation(stream: str, channel: str, test: Demodulation | None) -> Findin
             f"variance that the model predicts (probability {test.probability:.2g})"
         )
         yield _finding(stream, channel, "prediction fails", "warning", detail)
+
+
+def _speed(best: Candidate) -> str:
+    """Time constant and period of the colour."""
+    told = f"1/mu {1 / best.parameters['mu']:.3g} s"
+    period = best.parameters.get("lambda")
+    return told if period is None else f"{told}, period {2 * np.pi / period:.4g} s"
 
 
 def _slow(best: Candidate, duration: float, told: NoiseCoefficients | None) -> str:

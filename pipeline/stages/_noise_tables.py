@@ -9,8 +9,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from pipeline.models.random_error import RandomError
 from pipeline.models.random_error_fit import Candidate, Identified
 from pipeline.models.random_error_forms import FORMS, process, terms_of
+from pipeline.models.random_error_growth import allan_variance
 from pipeline.numerics import cosine_spectrum, whittle
 from pipeline.numerics.allan import Record, Variances
 from pipeline.numerics.allan_confidence import confidence
@@ -53,13 +55,20 @@ _A_DECADE = 30
 
 
 def allan_rows(
-    channel: str, record: Record, variances: Variances, level: float, model: NoiseCoefficients | None
+    channel: str,
+    record: Record,
+    variances: Variances,
+    level: float,
+    model: NoiseCoefficients | None,
+    fitted: RandomError,
 ) -> Rows:
     """Rows of ``allan``: one estimator of one channel."""
     known = confidence(record, variances, level=level)
-    shown: Float | None = None
-    if model is not None and variances.kind == "allan":
-        shown = np.sqrt(model.model(variances.tau))
+    shown = whole = np.full(len(variances.tau), np.nan)
+    if variances.kind == "allan":
+        whole = np.sqrt(allan_variance(fitted, variances.tau))
+        if model is not None:
+            shown = np.sqrt(model.model(variances.tau))
     for k, tau in enumerate(variances.tau.tolist()):
         yield {
             "channel": channel,
@@ -70,7 +79,8 @@ def allan_rows(
             "upper": _finite(known.upper[k]),
             "degrees_of_freedom": _finite(known.degrees_of_freedom[k]),
             "count": int(variances.terms[k]),
-            "model": None if shown is None else _finite(shown[k]),
+            "model": _finite(shown[k]),
+            "noise_model": _finite(whole[k]),
         }
 
 

@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from pipeline.errors import ExitCode
 from pipeline.models.rate_table_steps import Motion, Steps
 from pipeline.stages._rate_table_record import AXES, TableRun
-from pipeline.stages.base import StageError, finding
+from pipeline.stages.base import StageError, counted, finding
 
 Float = NDArray[np.float64]
 
 _STILL = 0.01
 """Rotation [rad] within which a table has not turned: more than an encoder's noise, or that of a rate over an
 hour; less than any step of a calibration."""
+_JUMP = 8.0
+"""Times the changes beside it, by which an angle jumps: at more than 40 deg a sample it is not told."""
+_ALIKE = 0.01
+"""Part by which the jumps of an angle that begins again differ: the changes beside them are added."""
 _NEAR = 0.1
 """Part by which a scale factor may miss a ratio of units to be taken for it: more than any gyro's error."""
 _FOLLOWS = 5e-3
@@ -76,6 +80,52 @@ def refuse_still(run: TableRun, motion: Motion) -> None:
         )
 
 
+def refuse_jumps(run: TableRun, motion: Motion) -> None:
+    """Refuse an angle that begins again, where the plan does not say after how much.
+
+    Raises
+    ------
+    StageError
+    """
+    change = np.diff(motion.angle)
+    before, here, after = change[:-2], change[1:-1], change[2:]
+    back = (here * before < 0) & (here * after < 0)
+    jumps = back & (np.abs(here) > np.maximum(_STILL, _JUMP * np.maximum(np.abs(before), np.abs(after))))
+    sizes = np.abs(here[jumps]) + (np.abs(before[jumps]) + np.abs(after[jumps])) / 2
+    if not len(sizes):
+        return
+    size = float(np.median(sizes))
+    turn = abs(size / (2 * np.pi) - 1) < _ALIKE
+    if turn or (len(sizes) > 1 and np.ptp(sizes) < _ALIKE * size):
+        jump = "a turn" if turn else f"{np.degrees(size):.6g} deg"
+        raise StageError(
+            f"{run.where}stream 'turntable'",
+            expected="an angle that goes on, or wraps_at of its channel",
+            found=f"one that jumps back by {jump}, {counted(len(sizes), 'time')}",
+            remedy=f"set wraps_at to what {jump} is in raw values, before scale and unit",
+            exit_code=ExitCode.USAGE,
+        )
+
+
+def refuse_only_rest(run: TableRun, steps: Steps, motion: Motion) -> None:
+    """Refuse steps in none of which the table turns, though it does between them.
+
+    Raises
+    ------
+    StageError
+    """
+    if np.any(np.abs(steps.rate) * steps.duration > _STILL):
+        return
+    speed = np.abs(np.diff(motion.angle) / np.diff(motion.time))
+    raise StageError(
+        f"{run.where}stream 'turntable'",
+        expected="a step in which the table turns",
+        found=f"{counted(len(steps), 'step')} at rest only, beside rates up to "
+        f"{np.degrees(float(speed.max())):.3g} deg/s",
+        remedy="lower steps.shortest_s, or raise steps.tolerance_deg_s",
+    )
+
+
 def followed(run: TableRun, steps: Steps) -> Iterator[dict[str, Any]]:
     """Findings about the scale factor of the gyro along the table's axis.
 
@@ -88,6 +138,14 @@ def followed(run: TableRun, steps: Steps) -> Iterator[dict[str, Any]]:
     along = int(np.argmax(np.abs(run.axis)))
     if AXES[along] not in run.channels:
         return
+    values = run.gyro.values[:, run.channels.index(AXES[along])]
+    if not np.ptp(values):
+        raise StageError(
+            f"{run.where}gyro {AXES[along]} against the table",
+            expected="a gyro that follows the table",
+            found=f"one that gives {np.degrees(values[0]):.6g} deg/s throughout",
+            remedy="check that it was working, and its channel",
+        )
     rate = run.axis[along] * steps.rate
     told = {
         name: _gain(rate, steps.gyro[:, k], steps.standard_error[:, k]) for k, name in enumerate(run.channels)

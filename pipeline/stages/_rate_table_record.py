@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ExitCode
 from pipeline.numerics.time_grid import advancing
+from pipeline.stages._runs import WHOLE
 from pipeline.stages._streams import recorded
 from pipeline.stages.base import StageError, Tables
+from pipeline.stages.quantities import QUANTITIES
 
 Float = NDArray[np.float64]
 Time = NDArray[np.int64]
 
-AXES = ("p", "q", "r")
-WHOLE = "run"
-"""Name of the one run of a plan that lists none."""
+AXES = tuple(QUANTITIES["angular_rate"])
 
 
 @dataclass(frozen=True, slots=True)

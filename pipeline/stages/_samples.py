@@ -85,6 +85,7 @@ class Samples:
 
 
 def request(stream: Stream, clock: Clock) -> Request:
+    """The fields of a topic that a stream and its clock need."""
     fields = [channel.field for channel in stream.channels.values()]
     if clock.counter is not None:
         fields.append(clock.counter)

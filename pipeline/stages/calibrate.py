@@ -2,8 +2,8 @@
 
 By the rates of a table about one axis of the case, each gyro along that axis by itself
 (`pipeline.models.rate_table`). By rates about two axes or three, by turns or positions, p, q and r together
-(`pipeline.models.rate_table_triad`): a triad; then the gyros' own terms, such as an asymmetry, stand beside
-it. The rows of role ``model`` of the table ``calibration`` are what a later plan corrects rates by.
+(`pipeline.models.rate_table_triad`): a triad, beside which each gyro by the steps about its own axis stands,
+for people. The rows of role ``model`` of the table ``calibration`` are what a later plan corrects rates by.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.errors import ExitCode
-from pipeline.models.rate_table import SingleAxis, Terms, fit_single_axis
+from pipeline.models.rate_table import SingleAxis, fit_single_axis
+from pipeline.models.rate_table_model import Terms
 from pipeline.models.rate_table_observations import Observations, joined
 from pipeline.models.rate_table_steps import RateTableError
 from pipeline.models.rate_table_triad import fit_triad
@@ -112,17 +113,13 @@ def _add_triad(made: Made, tables: Tables, runs: Sequence[RateRun], settings: Se
     stretches = Stretches.joined([places for _, places in parts])
     # The means of turns and positions bring no temperature of their own; without a term it is no matter.
     bare = [replace(observed, temperature=None) for observed, _ in parts]
-    temperature = stretches.temperature if settings.bias_temperature else None
-    observed = replace(joined(bare), temperature=temperature)
-    fit = fit_triad(
-        observed,
-        bias_temperature=settings.bias_temperature,
-        reference_temperature=settings.reference_temperature,
-    )
+    terms = settings.triad_terms
+    temperature = stretches.temperature if terms.thermal else None
+    observed = replace(joined(bare), temperature=temperature, apart=stretches.apart)
+    fit = fit_triad(observed, terms, reference_temperature=settings.reference_temperature)
     method = settings.methods[0] if len(settings.methods) == 1 else "joined"
-    largest = float(np.linalg.norm(observed.rate, axis=1).max())
     names = [as_table.lettered(name) for name in fit.names]
-    made["calibration"] += as_table.triad_rows(fit, method, largest)
+    made["calibration"] += as_table.triad_rows(fit, method, stretches)
     made["calibration_covariance"] += as_table.covariance_rows("", names, fit.covariance)
     made["calibration_residuals"] += as_table.triad_residuals(fit, observed, stretches)
     made["findings"] += about.about_triad(fit)
@@ -155,16 +152,18 @@ def _add_single_axes(
             try:
                 single = _fitted(runs, channel, axis, terms, settings, stand)
             except RateTableError as error:
-                if axis != channel:  # a gyro of so coarse a resolution tells nothing of other axes
-                    continue
-                if not beside_triad:
+                why = f"expected {error.expected}, found {error.found}"
+                if axis != channel:  # a gyro of coarse resolution, for one, tells nothing of other axes
+                    made["findings"].append(about.without_cross_axis(channel, axis, why))
+                elif beside_triad:
+                    made["findings"].append(about.without_terms(channel, why))
+                else:
                     raise
-                made["findings"].append(
-                    about.without_terms(channel, f"expected {error.expected}, found {error.found}")
-                )
                 continue
             if axis != channel:
-                made["calibration"].append(as_table.cross_axis_row(single.fit, channel, axis))
+                made["calibration"].append(
+                    as_table.cross_axis_row(single.fit, channel, axis, single.stretches)
+                )
                 continue
             _add_single(made, single, channel, beside_triad=beside_triad)
 
@@ -189,7 +188,8 @@ def _fitted(
 
 def _add_single(made: Made, single: _Single, channel: str, *, beside_triad: bool) -> None:
     fit = single.fit
-    made["calibration"] += as_table.single_axis_rows(fit, channel, "derived" if beside_triad else "model")
+    role: as_table.Role = "derived" if beside_triad else "model"
+    made["calibration"] += as_table.single_axis_rows(fit, channel, role, single.stretches)
     if not beside_triad:
         made["calibration_covariance"] += as_table.covariance_rows(channel, fit.names, fit.covariance)
     made["calibration_residuals"] += as_table.single_axis_residuals(

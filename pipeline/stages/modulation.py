@@ -8,7 +8,7 @@ of the logarithm where a figure is positive).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -18,16 +18,17 @@ from pydantic import Field, model_validator
 
 from pipeline.models.random_error import RandomError
 from pipeline.models.random_error_fit import Candidate
-from pipeline.models.random_error_growth import worse_bands
+from pipeline.models.random_error_growth import Band, worse_bands
+from pipeline.numerics.sampling import intervals
 from pipeline.plan_faults import Fault, refuse
-from pipeline.stages._modulation_advice import Advice, advise
+from pipeline.stages._modulation_advice import Advice, advise, known_bands
 from pipeline.stages._modulation_tables import growth_rows, modulation_rows
 from pipeline.stages._noise_tables import chosen_models
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import Stand, Tables, finding, metric, rows
 
 CONSUMES: tuple[str, ...] = ("noise_model", "noise_information")
-MAY_CONSUME: tuple[str, ...] = ()
+MAY_CONSUME: tuple[str, ...] = ("gyro", "gyro_increments")
 PRODUCES: tuple[str, ...] = ("modulation", "growth", "findings", "metrics")
 METRICS: tuple[str, ...] = ("recommended_rate", "suppression", "worse_below")
 
@@ -77,7 +78,8 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     Parameters
     ----------
     tables : mapping
-        ``noise_model`` and ``noise_information``.
+        ``noise_model`` and ``noise_information``; ``gyro`` or ``gyro_increments`` for the interval of their
+        samples, without which their Nyquist frequency is no bound.
     settings : Settings
     stand : Stand
         Not needed here.
@@ -86,30 +88,43 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     -------
     dict
         The tables of `PRODUCES`. The metric ``recommended_rate`` is 0 where no rotation is needed, null where
-        the platform cannot turn fast enough, or the chosen model does not describe the record.
+        the platform cannot turn fast enough, or the record does not show it: the chosen model does not
+        describe it, or its colour is as fast as the samples.
     """
     made: dict[str, list[dict[str, Any]]] = {name: [] for name in PRODUCES}
+    step = _step(tables)
     spaced = np.geomspace(settings.lowest_rate_deg_s, settings.highest_rate_deg_s, settings.rate_count)
     for channel, chosen in chosen_models(tables["noise_model"], tables["noise_information"]).items():
-        advice = advise(chosen, settings.fraction, float(np.radians(settings.highest_rate_deg_s)))
+        advice = advise(chosen, settings.fraction, float(np.radians(settings.highest_rate_deg_s)), step)
+        bands = known_bands(chosen.model, step)
         rates = np.unique(np.append(np.radians(spaced), [0.0, advice.rate or 0.0]))
         shown = settings.rate_deg_s or np.degrees(advice.rate or 0.0) or _USUAL_RATE_DEG_S
         made["modulation"] += modulation_rows(
-            channel, chosen, rates, schuler=settings.schuler, turns=settings.turns
+            channel, chosen, rates, bands, schuler=settings.schuler, turns=settings.turns
         )
         made["growth"] += growth_rows(channel, chosen, float(np.radians(shown)), 3600 * settings.hours)
-        made["findings"] += _findings(channel, chosen, advice, settings.hours)
-        made["metrics"] += _metrics(channel, chosen, advice)
+        made["findings"] += _findings(channel, chosen, advice, bands, settings.hours)
+        made["metrics"] += _metrics(channel, chosen, advice, bands, step)
     return {name: rows(name, items) for name, items in made.items()}
 
 
-def _findings(channel: str, chosen: Candidate, advice: Advice, hours: float) -> Iterator[dict[str, Any]]:
+def _step(tables: Tables) -> float:
+    """Interval of the gyro's samples [s]; 0 where they are not there."""
+    for name in ("gyro", "gyro_increments"):
+        if name in tables:
+            return intervals(tables[name].column("time").to_numpy()).nominal
+    return 0.0
+
+
+def _findings(
+    channel: str, chosen: Candidate, advice: Advice, bands: Sequence[Band], hours: float
+) -> Iterator[dict[str, Any]]:
     severity: Literal["info", "warning"] = "info" if advice.rate is not None else "warning"
     yield finding("modulation", "modulation", "recommended rate", severity, advice.reason, channel=channel)
     if not chosen.fits:
         return
     model = chosen.model
-    for band in worse_bands(model):
+    for band in bands:
         detail = (
             f"the error grows faster than without rotation at rates from {np.degrees(band.low):.3g} to "
             f"{np.degrees(band.high):.3g} deg/s"
@@ -124,13 +139,15 @@ def _findings(channel: str, chosen: Candidate, advice: Advice, hours: float) -> 
         yield finding("modulation", "modulation", "slow colour", "warning", detail, channel=channel)
 
 
-def _metrics(channel: str, chosen: Candidate, advice: Advice) -> Iterator[dict[str, Any]]:
+def _metrics(
+    channel: str, chosen: Candidate, advice: Advice, bands: Sequence[Band], step: float
+) -> Iterator[dict[str, Any]]:
     rate, error = advice.rate, advice.rate_error
     in_degrees = None if rate is None else float(np.degrees(rate))
     of_rate = None if error is None else float(np.degrees(error))
     yield metric("modulation", channel, "recommended_rate", in_degrees, "deg/s", of_rate)
     yield metric("modulation", channel, "suppression", advice.suppression, "1", advice.suppression_error)
-    if chosen.fits and worse_bands(chosen.model):
+    if chosen.fits and bands and bands[-1].high * step < np.pi:
         top = float(np.degrees(_worse_below(chosen.model)))
         spread = float(np.degrees(chosen.standard_error(_worse_below)))
         yield metric(

@@ -53,6 +53,9 @@ METRICS: tuple[str, ...] = (
     "demodulated_probability",
 )
 
+_ALIKE = 0.01
+"""Part by which an averaging time of a plan may be below the mean interval of the samples, and mean it."""
+
 Float = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -174,15 +177,16 @@ def _of_channel(
     integral = allan.from_rates(channel.rate, record.step, channel.present)
     told = _coefficients(integral)
     model = None if isinstance(told, str) else told
+    periodogram = cosine_spectrum.periodogram(channel.rate, channel.present)
+    wanted = forms(tuple(dict.fromkeys(settings.candidates)), tuple(dict.fromkeys(settings.added_terms)))
+    found = Identified(fit_forms(periodogram, record.step, wanted), periodogram.samples)
+    fitted = found.chosen.model
     of_allan = [
         row
         for kind in settings.estimators
         for variances in [allan.variances(integral, _factors(integral, channel.name, kind, settings), kind)]
-        for row in as_table.allan_rows(channel.name, integral, variances, settings.confidence, model)
+        for row in as_table.allan_rows(channel.name, integral, variances, settings.confidence, model, fitted)
     ]
-    periodogram = cosine_spectrum.periodogram(channel.rate, channel.present)
-    wanted = forms(tuple(dict.fromkeys(settings.candidates)), tuple(dict.fromkeys(settings.added_terms)))
-    found = Identified(fit_forms(periodogram, record.step, wanted), periodogram.samples)
     unfitted = [] if periodogram.walks or "rate_random_walk" not in settings.added_terms else [
         about.no_walk(record.stream, channel.name)
     ]  # fmt: skip
@@ -200,7 +204,7 @@ def _of_channel(
         "findings": [
             *about.coefficients(record.stream, channel.name, told),
             *unfitted,
-            *about.model(record.stream, channel.name, found, model, len(channel.rate) * record.step),
+            *about.model(record, channel, found, model),
         ],
         "metrics": [
             figure("whiteness", found.chosen.whiteness, "1"),
@@ -248,7 +252,7 @@ def _factors(record: allan.Record, channel: str, kind: allan.Kind, settings: Set
             exit_code=ExitCode.USAGE,
         )
     low, high = settings.shortest_tau or shortest, asked or longest
-    if high < shortest or low > high:
+    if high < shortest or low > high or low < shortest * (1 - _ALIKE):
         raise StageError(
             f"test plan, keys noise.shortest_tau and longest_tau, channel {channel}",
             expected=f"averaging times of the {kind} deviation from {shortest:.6g} s, the interval of the "

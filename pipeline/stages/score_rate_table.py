@@ -40,7 +40,7 @@ _SINGLE: Mapping[str, tuple[str, float, str]] = MappingProxyType(
 )
 """Metric, factor and unit of a parameter, by its name without the axis."""
 
-_ANGLES = ("misalignment", "nonorthogonality", "mounting")
+_ANGLES = ("misalignment", "nonorthogonality", "triad_rotation")
 
 CONSUMES: tuple[str, ...] = ("calibration", "calibration_residuals")
 MAY_CONSUME: tuple[str, ...] = ()

@@ -52,7 +52,7 @@ def run(tables: Tables, settings: Settings, stand: Stand) -> dict[str, pa.Table]
     dict
         ``metrics``, by channel: N, B, K, Q, R in the units of data sheets; of the chosen model N, K and Q in
         the same, of its coloured noise the standard deviation (deg/h), correlation time 1/mu (s) and period
-        2 pi/lambda (s).
+        2 pi/lambda (s). Null where the error is larger than the figure, or has no bound.
     """
     figures = [*_coefficients(tables["noise_coefficients"]), *_colours(tables["noise_model"])]
     return {"metrics": rows("metrics", figures)}
@@ -76,14 +76,22 @@ def _levels(channel: str, told: dict[str, tuple[float, float | None]]) -> Iterat
     levels: tuple[Name, ...] = ("N", "K", "Q")
     for name in levels:
         factor, unit = DATASHEET[name]
-        value, error = told.get(name, (None, None))
+        power = 0.5 if name == "N" else 1.0
+        value, error = _shown(told, name, power)
         if value is None:
             yield metric("score_static", channel, f"model_{name}", None, unit)
             continue
-        power = 0.5 if name == "N" else 1.0
         size = factor * value**power
         spread = None if error is None else power * size * error / value
         yield metric("score_static", channel, f"model_{name}", size, unit, spread)
+
+
+def _shown(
+    told: dict[str, tuple[float, float | None]], name: str, power: float = 1.0
+) -> tuple[float | None, float | None]:
+    """A parameter and its error, where the record shows it: its power has an error, no larger than itself."""
+    value, error = told.get(name, (0.0, None))
+    return (value, error) if error is not None and power * error <= value else (None, None)
 
 
 def _colours(table: pa.Table) -> Iterator[dict[str, Any]]:
@@ -94,12 +102,12 @@ def _colours(table: pa.Table) -> Iterator[dict[str, Any]]:
             told[row["parameter"]] = (row["value"], row["standard_error"])
     for channel, told in chosen.items():
         yield from _levels(channel, told)
-        sigma, error = told.get("sigma", (None, None))
+        sigma, error = _shown(told, "sigma")
         in_deg_h = None if sigma is None else sigma * _DEG_H
         of_sigma = None if error is None else error * _DEG_H
         yield metric("score_static", channel, "colour_sigma", in_deg_h, "deg/h", of_sigma)
         for name, of, turn in (("colour_time", "mu", 1.0), ("colour_period", "lambda", 2 * np.pi)):
-            value, error = told.get(of, (None, None))
+            value, error = _shown(told, of)
             time = None if value is None else turn / value
             of_time = None if time is None or value is None or error is None else time * error / value
             yield metric("score_static", channel, name, time, "s", of_time)

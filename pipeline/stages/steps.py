@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pipeline.errors import ExitCode
 from pipeline.models.rate_table_offset import TimeOffset, time_offset
@@ -29,7 +29,13 @@ from pipeline.models.rate_table_steps import (
     constant_stretches,
     measure_steps,
 )
-from pipeline.stages._rate_table_plausibility import followed, refuse_still
+from pipeline.plan_faults import Fault, refuse
+from pipeline.stages._rate_table_plausibility import (
+    followed,
+    refuse_jumps,
+    refuse_only_rest,
+    refuse_still,
+)
 from pipeline.stages._rate_table_record import AXES, TableRun, table_runs
 from pipeline.stages.base import Settings as _Settings
 from pipeline.stages.base import StageError, Stand, Tables, counted, finding, metric, rows
@@ -42,8 +48,6 @@ METRICS: tuple[str, ...] = ("time_offset", "step_count")
 Float = NDArray[np.float64]
 Rows = list[dict[str, Any]]
 
-_LONGEST = 3.0
-"""Nominal intervals; the offset is estimated where none is longer."""
 _ENDS = 3.0
 """Standard errors of the time offset that are left out at either end of a step."""
 _ROUNDING = 1e-6
@@ -73,6 +77,14 @@ class Settings(_Settings):
         "or a number, s",
     )
     longest_offset_s: float = Field(1.0, gt=0, description="largest time offset that is looked for, s")
+
+    @model_validator(mode="after")
+    def _offset_is_no_longer_than_that(self) -> Self:
+        if not isinstance(self.time_offset, str) and abs(self.time_offset) > self.longest_offset_s:
+            expected = f"at most longest_offset_s = {self.longest_offset_s:g}, either way"
+            remedy = "correct it, or raise longest_offset_s"
+            refuse([Fault(("time_offset",), expected, f"{self.time_offset:g}", remedy)])
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +166,8 @@ def _of_run(one: TableRun, settings: Settings, *, oriented: bool) -> tuple[Rows,
     try:
         recorded = _motion(one)
         refuse_still(one, recorded)
+        if one.by_angle:
+            refuse_jumps(one, recorded)
         offset = _offset(one, recorded, settings)
         motion = _common(one, replace(recorded, time=recorded.time + offset.value))
         tolerance = None if settings.tolerance_deg_s is None else float(np.radians(settings.tolerance_deg_s))
@@ -168,6 +182,7 @@ def _of_run(one: TableRun, settings: Settings, *, oriented: bool) -> tuple[Rows,
         time = one.seconds(one.gyro.time)
         temperature = one.temperature_at(time)
         measured = measure_steps(motion, stretches, time, one.gyro.values, temperature)
+        refuse_only_rest(one, measured, motion)
         if one.across is None or not oriented:  # the zero of the table's angle tells nothing of the case's
             length = stretches[:, 1] - stretches[:, 0]
             less = np.abs(measured.rate) * length < 2 * np.pi * (1 - _ROUNDING)
@@ -222,7 +237,7 @@ def _offset(one: TableRun, motion: Motion, settings: Settings) -> _Offset:
     else:
         gyro = one.gyro.values[:, one.channels.index(along)]
         try:
-            told = _estimated(motion, one.seconds(one.gyro.time), gyro, settings.longest_offset_s)
+            told = time_offset(motion, one.seconds(one.gyro.time), gyro, longest=settings.longest_offset_s)
         except RateTableError as error:
             why = f"expected {error.expected}, found {error.found}"
         else:
@@ -233,28 +248,6 @@ def _offset(one: TableRun, motion: Motion, settings: Settings) -> _Offset:
     )
     note = finding("steps", "gyro", "time offset", "warning", text)
     return _Offset(0.0, settings.longest_offset_s, None, [note])
-
-
-def _estimated(motion: Motion, time: Float, gyro: Float, longest: float) -> TimeOffset:
-    """The offset from the longest stretch in which neither record has a gap."""
-    gaps = np.concatenate([_gaps(t, _LONGEST * float(np.median(np.diff(t)))) for t in (motion.time, time)])
-    gaps = gaps[np.argsort(gaps[:, 0])]
-    first, last = max(motion.time[0] - longest, time[0]), min(motion.time[-1] + longest, time[-1])
-    # between the end of the gaps so far and the beginning of the next
-    begins = np.maximum.accumulate(np.append(first, gaps[:, 1]))
-    ends = np.minimum(np.append(gaps[:, 0], last), last)
-    clear = int(np.argmax(ends - begins))
-    begin, end = begins[clear], ends[clear]
-    inside, kept = (motion.time >= begin) & (motion.time <= end), (time >= begin) & (time <= end)
-    if np.count_nonzero(kept) < 4 or np.count_nonzero(inside) < 2:
-        raise RateTableError(
-            "time offset",
-            expected="a stretch without gaps",
-            found="none",
-            remedy="record ramps between the steps",
-        )
-    whole = replace(motion, time=motion.time[inside], angle=motion.angle[inside])
-    return time_offset(whole, time[kept], gyro[kept], longest=longest)
 
 
 def _without_gaps(one: TableRun, motion: Motion, found: Float, settings: Settings) -> tuple[Float, Rows]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from pipeline import units
@@ -18,6 +18,12 @@ _COMPONENT = re.compile(
 _GYRO = re.compile(
     r"gyr|omega|ω|ang(?:ular)?[\s_.]*(?:rate|vel)|body[\s_.]*rate|(?:^|[._\s\]])[gw]$", re.IGNORECASE
 )
+_ONE_GYRO = re.compile(
+    r"(?:.*[\s._])?(?:gyro(?:scope)?(?:[\s_.-]*(?:rate|raw|out(?:put)?|counts?|data))?|ang(?:ular)?[\s_.-]*"
+    r"(?:rate|vel(?:ocity)?)|omega|ω)",
+    re.IGNORECASE,
+)
+"""A whole name of a gyro of one axis."""
 _QUATERNION = re.compile(r"quat|orientation|attitude|rotation|(?:^|[._\s\]])q$", re.IGNORECASE)
 _NO_CHANNEL = re.compile(r"covariance|bias|integral|variance|temp", re.IGNORECASE)
 _REFERENCE = re.compile(r"quat|ref|truth|mocap|optic|vicon|encoder", re.IGNORECASE)
@@ -25,12 +31,20 @@ _GIMBAL = re.compile(r"gimbal|encoder|resolver|alpha|α|(?:^|[._\s])enc(?:[._\s\
 _NO_ANGLE = re.compile(
     r"rate|vel|speed|acc|torque|effort|current|volt|error|status|valid|time|stamp|cmd|command", re.IGNORECASE
 )
-_TABLE = re.compile(r"turn[\s_-]?table|rate[\s_-]?table|(?:^|[\s._/])table(?:[\s._(\[/]|$)", re.IGNORECASE)
-_TABLE_ANGLE = re.compile(r"angle|position|encoder|(?:^|[._\s])[zθ]$", re.IGNORECASE)
+_TABLE = re.compile(
+    r"turn[\s_-]?table|tisch|rate[\s_-]?table|(?:^|[\s._/])table(?:[\s._(\[/]|$)", re.IGNORECASE
+)
+_TABLE_ANGLE = re.compile(r"angle|winkel|position|encoder|(?:^|[._\s])[zθ]$", re.IGNORECASE)
 _NO_TABLE = re.compile(
     r"acc|torque|current|volt|error|status|valid|time|stamp|cmd|command|temp|covariance", re.IGNORECASE
 )
-_TABLE_RATE = re.compile(r"rate|vel|speed", re.IGNORECASE)
+_TABLE_RATE = re.compile(r"rate|vel|speed|rpm", re.IGNORECASE)
+_ENCODER = re.compile(
+    r"(?:.*[\s._/])?(?:enc(?:oder)?|resolver|rpm)(?:[\s_.-]*(?:angle|pos(?:ition)?|counts?|raw|deg|rpm|data))?",
+    re.IGNORECASE,
+)
+"""A whole name of what, beside a gyro and alone of its kind, may be that of a table."""
+_VECTOR = re.compile(r"(?:.*\.)?vector", re.IGNORECASE)
 _NUMBER = re.compile(r"\d+")
 _MOST_AXES = 3
 """Encoders of a kind that a gimbal may have; more are an arm."""
@@ -60,12 +74,17 @@ AIDS = tuple(stream for stream, *_ in _BY_TYPE.values())
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Fields of a topic that may be a stream; ``fields`` in the order of the quantity's channels."""
+    """Fields of a topic that may be a stream; ``fields`` in the order of the quantity's channels.
+
+    ``channels`` names them where they are not all of the quantity's; of a lone gyro that does not say its
+    axis none are named.
+    """
 
     stream: StreamName
     quantity: Quantity
     topic: Topic
     fields: tuple[Field, ...]
+    channels: tuple[str, ...] | None = None
 
     @property
     def also_rates(self) -> bool:
@@ -81,28 +100,20 @@ class Candidate:
 
 def find_candidates(topics: Iterable[Topic]) -> list[Candidate]:
     """What may be a stream, by the names of fields and the types of messages, in their order."""
-    found = []
-    for topic in topics:
-        components = _components(topic)
-        for stem, axes in components.items():
-            for names in _AXES["angular_rate"]:
-                alone = stem == "" and names[0] == "p"
-                if all(axis in axes for axis in names) and (alone or _GYRO.search(stem)):
-                    fields = tuple(axes[axis] for axis in names)
-                    found.append(Candidate("gyro", "angular_rate", topic, fields))
-                    break
-            names = _AXES["quaternion"][0]
-            if all(axis in axes for axis in names) and (stem == "" or _QUATERNION.search(stem)):
-                fields = tuple(axes[axis] for axis in names)
-                found.append(Candidate("reference", "quaternion", topic, fields))
-        angles = {bare(f.path).rsplit(".", 1)[-1].lower(): f for f in topic.fields}
-        if all(angle in angles for angle in _EULER_KRYLOV):
-            fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
-            found.append(Candidate("reference", "euler_krylov", topic, fields))
+    listed, found = tuple(topics), list[Candidate]()
+    for topic in listed:
+        found += _gyros(topic)
+        found += _references(topic)
         found += [Candidate("gimbal", "gimbal_angles", topic, pair) for pair in _gimbal_pairs(topic)]
         found += _by_type(topic)
         taken = {one.path for c in found if c.topic is topic for one in c.fields}
         found += _tables(topic, taken)
+    streams = {c.stream for c in found}
+    if "gyro" not in streams:
+        tables = {one.path for c in found for one in c.fields if c.stream in ("turntable", "gimbal")}
+        found += [c for topic in listed for c in _gyros_in_part(topic, tables)]
+    if "turntable" not in streams and any(c.stream == "gyro" for c in found):
+        found += _encoder(listed, {(c.topic.name, one.path) for c in found for one in c.fields})
     return found
 
 
@@ -114,6 +125,77 @@ def _by_type(topic: Topic) -> Iterator[Candidate]:
         there = {one.path: one for one in topic.fields}
         if all(path in there for path in paths):
             yield Candidate(stream, quantity, topic, tuple(there[path] for path in paths))
+
+
+def _gyros(topic: Topic) -> Iterator[Candidate]:
+    """Three fields that look like the rates, or the increments, of three axes."""
+    for stem, axes in _components(topic).items():
+        for names in _AXES["angular_rate"]:
+            alone = stem == "" and names[0] == "p"
+            of_topic = (
+                _VECTOR.fullmatch(stem) and _GYRO.search(topic.name) and not _NO_CHANNEL.search(topic.name)
+            )
+            if all(axis in axes for axis in names) and (alone or of_topic or _GYRO.search(stem)):
+                fields = tuple(axes[axis] for axis in names)
+                yield Candidate("gyro", _output(fields), topic, fields)
+                break
+
+
+def _gyros_in_part(topic: Topic, taken: Container[str]) -> Iterator[Candidate]:
+    """Fields that look like the rates of one axis or two, by a unit that says so or by a whole name."""
+    for stem, axes in _components(topic).items():
+        for names in _AXES["angular_rate"]:
+            there = {c: axes[a] for c, a in zip("pqr", names, strict=True) if a in axes and _is_rate(axes[a])}
+            alone = stem == "" and names[0] == "p"
+            if there and (alone or _GYRO.search(stem)) and not any(f.path in taken for f in there.values()):
+                fields = tuple(there.values())
+                yield Candidate("gyro", _output(fields), topic, fields, tuple(there))
+                break
+    for one in topic.fields:
+        stated = units.dimension(one.unit) if one.unit else None
+        named = _ONE_GYRO.fullmatch(bare(one.path)) and stated in (None, "angular rate", "angle")
+        if named and one.path not in taken and not _NO_CHANNEL.search(one.path):
+            yield Candidate("gyro", _output((one,)), topic, (one,), ())
+
+
+def _is_rate(one: Field) -> bool:
+    return one.unit is not None and units.dimension(one.unit) in ("angular rate", "angle")
+
+
+def _output(fields: Sequence[Field]) -> Quantity:
+    """Increments where the file states units of angle, else rates."""
+    angles = all(one.unit is not None and units.dimension(one.unit) == "angle" for one in fields)
+    return "angle_increment" if angles else "angular_rate"
+
+
+def _references(topic: Topic) -> Iterator[Candidate]:
+    """Fields that look like an attitude."""
+    for stem, axes in _components(topic).items():
+        names = _AXES["quaternion"][0]
+        if all(axis in axes for axis in names) and (stem == "" or _QUATERNION.search(stem)):
+            fields = tuple(axes[axis] for axis in names)
+            yield Candidate("reference", "quaternion", topic, fields)
+    angles = {bare(f.path).rsplit(".", 1)[-1].lower(): f for f in topic.fields}
+    if all(angle in angles for angle in _EULER_KRYLOV):
+        fields = tuple(angles[angle] for angle in _EULER_KRYLOV)
+        yield Candidate("reference", "euler_krylov", topic, fields)
+
+
+def _encoder(topics: Sequence[Topic], taken: Container[tuple[str, str]]) -> list[Candidate]:
+    """The one encoder, or count of turns, beside a gyro; several are of something else."""
+    found = []
+    for topic in topics:
+        for one in topic.fields:
+            path = bare(one.path)
+            named = _ENCODER.fullmatch(path) or _ENCODER.fullmatch(f"{topic.name}/{path}")
+            if not named or (topic.name, one.path) in taken or _NO_TABLE.search(path):
+                continue
+            stated = units.dimension(one.unit) if one.unit else None
+            if stated == "angular rate" or (stated is None and _TABLE_RATE.search(path)):
+                found.append(Candidate("turntable", "table_rate", topic, (one,)))
+            elif stated in (None, "angle"):
+                found.append(Candidate("turntable", "table_angle", topic, (one,)))
+    return found if len(found) == 1 else []
 
 
 def bare(path: str) -> str:

@@ -110,6 +110,11 @@ _TABLE = (
     '# recording = "run8.mcap"    # a further recording beside this one',
     "# start = 0.0    # s from the first gyro sample of its recording",
     "# stop = 600.0",
+    "",
+    "# What its calibration is made of.",
+    "# [calibrate]",
+    '# methods = ["rates"]    # also "turns" and "positions", by hand',
+    "# asymmetry = true    # false where the table turned one way only",
 )
 _GIMBAL = (
     "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
@@ -133,6 +138,7 @@ _LIMIT = {
     ),
     "navigation": ('metric = "horizontal_residual_rms"', 'channel = "filter"', "upper = 5.0"),
     "static": ('metric = "lost_count"', 'channel = "gyro"', "upper = 0"),
+    "rate_table": ('metric = "residual_rms"', 'channel = "p"', "upper = 100.0    # ppm"),
     "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
 }
 """A limit that stands as a comment in the plan of each procedure."""
@@ -172,11 +178,8 @@ def initial_plan(inspection: Inspection) -> str:
         candidates = [c for c in candidates if c.stream not in AIDS]
     second = _first([c for c in candidates if not c.also_rates and c.is_named_so], "reference")
     table = _first(candidates, "turntable") if second is None and not moving else None
-    procedure = "coning" if table is None else "static"
-    if moving:
-        procedure = "navigation"
-    if gyro is None and gimbal is not None:
-        procedure = "drift"
+    procedures = ("navigation",) if moving else _procedures(gyro, gimbal, second, table)
+    procedure = procedures[0]
     wanted = (gimbal,) if procedure == "drift" else (gyro, second, table, *moving)
     chosen = [c for c in wanted if c is not None]
     name = own_plan(inspection.path).name
@@ -186,7 +189,9 @@ def initial_plan(inspection: Inspection) -> str:
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
         *(_GYRO_ALONE if procedure not in ("drift", "navigation") and second is None else ()),
-        f'procedure = "{procedure}"',
+        f'procedure = "{procedure}"'
+        if table is None
+        else f'procedure = ""    # FILL IN: {_either(procedures)}',
         'title = ""',
         "",
         "[stand]",
@@ -202,9 +207,26 @@ def initial_plan(inspection: Inspection) -> str:
     if procedure == "navigation":
         plan.add(*_NAVIGATE, *(_EARTH_FIELD if _first(chosen, "magnetometer") else ()))
     _add_alternatives(plan, [c for c in candidates if c not in chosen])
-    _add_limits(plan, procedure)
+    _add_limits(plan, procedures)
     _add_rest(plan, inspection.topics)
     return "\n".join(plan.lines) + "\n"
+
+
+def _procedures(
+    gyro: Candidate | None, gimbal: Candidate | None, second: Candidate | None, table: Candidate | None
+) -> tuple[str, ...]:
+    """What these streams may be for, the likeliest first."""
+    if gyro is None and gimbal is not None:
+        return ("drift",)
+    if table is not None:
+        return "static", "rate_table"
+    if second is not None:
+        return ("coning",)
+    return ("coning", "static") if gyro is None or gyro.channels is None else ("static", "rate_table")
+
+
+def _either(names: Sequence[str]) -> str:
+    return " or ".join(f'"{name}"' for name in names)
 
 
 def _first(candidates: Sequence[Candidate], stream: StreamName) -> Candidate | None:
@@ -314,9 +336,14 @@ def _stream_lines(candidate: Candidate) -> Iterator[str]:
         about = f"{escaped(topic.message_type)}, {topic.count} messages"
         yield f"topic = {quoted(topic.name)}    # {about}"
     yield f'quantity = "{candidate.quantity}"'
-    channels = QUANTITIES[candidate.quantity]
-    for (channel, of), one in zip(channels.items(), candidate.fields, strict=False):  # some may lack
-        unit, remark = _unit(one, of, topic.message_type)
+    dimensions = QUANTITIES[candidate.quantity]
+    if candidate.channels == ():
+        yield "# One gyro, taken for p: the name does not say which of p, q and r it is."
+    names = tuple(dimensions) if candidate.channels is None else candidate.channels or ("p",)
+    for channel, one in zip(names, candidate.fields, strict=False):  # some may lack
+        unit, remark = _unit(one, dimensions[channel], topic.message_type)
+        if candidate.stream == "turntable":
+            remark = remark.replace("rad/s or deg/s", "rad/s, deg/s or rpm")
         yield f"channels.{channel} = {{ field = {quoted(one.path)}, unit = {quoted(unit)} }}{remark}"
 
 
@@ -356,9 +383,13 @@ def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
         )
 
 
-def _add_limits(plan: _Plan, procedure: str) -> None:
-    plan.add("# What a figure must be for the recording to pass; any number of these.", "# [[limits]]")
-    plan.add(*(f"# {line}" for line in _LIMIT[procedure]), "")
+def _add_limits(plan: _Plan, procedures: Sequence[str]) -> None:
+    for name in procedures:
+        of = f" Of the procedure {name}:" if len(procedures) > 1 else ""
+        plan.add(
+            f"# What a figure must be for the recording to pass; any number of these.{of}", "# [[limits]]"
+        )
+        plan.add(*(f"# {line}" for line in _LIMIT[name]), "")
 
 
 def _add_rest(plan: _Plan, topics: Sequence[Topic]) -> None:

@@ -103,7 +103,8 @@ class TestPlan:
         if path is None or path.is_file():
             return path
         text, _ = _parsed(self.path, _bytes(self.path))
-        near = get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1)
+        beside = [p.name for p in path.parent.iterdir() if p.is_file() and not p.name.endswith(".truth.json")]
+        near = get_close_matches(path.name, beside, n=1)
         fault = Fault(
             ("streams", "gyro", "calibration"),
             f"the file of a calibration beside the recording, in {shown_path(path.parent)}",

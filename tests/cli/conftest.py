@@ -7,10 +7,9 @@ import subprocess
 from collections.abc import Callable, Iterator
 
 import pytest
+from in_process import Completed
 
 from pipeline.cli import main
-
-Completed = subprocess.CompletedProcess[str]
 
 
 @pytest.fixture

@@ -136,6 +136,7 @@ def test_a_calibration_that_is_not_there_is_a_fault_of_the_plan_s_line(
     words = (f"run1.toml:{line}: streams.gyro.calibration", NAME, "did you mean 'gyro8.calibration.json'?")
     one_line(command("run", recording, "--out", tmp_path / "out"), ExitCode.USAGE, *words)
     one_line(command("validate", recording), ExitCode.USAGE, *words)
+    one_line(command("plan", "check", recording.with_suffix(".toml")), ExitCode.USAGE, *words)
 
 
 def test_a_calibration_that_is_no_bare_name_is_one_too(command: Command, recording: Path) -> None:
@@ -181,6 +182,12 @@ class TestExport:
             ExitCode.INPUT,
             "table calibration",
         )
+        one_line(
+            command("calibration", "export", out, "--recording", "nine"),
+            ExitCode.INPUT,
+            "the recording 'nine'",
+            "one, two",
+        )
 
     def test_a_damaged_table(self, command: Command, calibrated: Calibrated, tmp_path: Path) -> None:
         out = tmp_path / "out"
@@ -199,7 +206,31 @@ class TestExport:
         ran = command("run", table, "--out", tmp_path / "out")
         assert ran.returncode == ExitCode.PASS, ran.stderr
         refused = command("calibration", "export", tmp_path / "out")
-        one_line(refused, ExitCode.NOT_MET, "S13 of the triad", "rotation about all axes")
+        words = (
+            "none of scale_factor_asymmetry_r of the triad, and S13, S23, S33 of",
+            "rotation about all axes",
+        )
+        one_line(refused, ExitCode.NOT_MET, *words)
+
+    def test_what_turns_by_hand_tell_weakly_is_exported_with_its_error(
+        self, command: Command, tmp_path: Path
+    ) -> None:
+        table = tmp_path / "table.mcap"
+        by_hand = ("--method", "turns", "--turns", "90 deg", "--rate", 20, "--white", "0.1 deg/sqrt(h)")
+        errors = ("--orientation-error", "1 deg", "--angle-error", "1 deg")
+        command("simulate", "rate_table", table, *by_hand, *errors)
+        ran = command("run", table, "--out", tmp_path / "out")
+        assert ran.returncode == ExitCode.PASS, ran.stderr
+        exported = command("calibration", "export", tmp_path / "out")
+        one_line(exported, ExitCode.PASS, "gyrostand: warning", "in combination only", "S12", "S32")
+        assert "bias" not in exported.stderr
+        told = {
+            one["name"]: one["standard_error"]
+            for model in json.loads(exported.stdout)["models"]
+            for one in model["parameters"]
+        }
+        # one turn about each axis, whose direction is known to a degree
+        assert told["S12"] == pytest.approx(np.radians(1), rel=0.05)
 
     @pytest.mark.parametrize(
         ("key", "value", "words"),

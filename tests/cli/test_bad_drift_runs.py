@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Completed
+from in_process import Completed
 from scipy.spatial.transform import Rotation
 
 from pipeline.models.earth import RATE, Base, Scheme

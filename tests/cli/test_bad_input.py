@@ -36,6 +36,11 @@ def keep_rows(recording: Path, keep: Callable[[list[str]], list[str]]) -> None:
     recording.write_text("\n".join([header, *keep(rows)]) + "\n")
 
 
+def test_more_than_the_memory_holds_is_a_fault_of_the_machine(gyrostand: Command, tmp_path: Path) -> None:
+    result = gyrostand("simulate", "static", tmp_path / "long.csv", "--hours", "1e12")
+    refused(result, ExitCode.FAULT, "memory", "fewer samples")
+
+
 def test_the_sound_recording_passes(gyrostand: Command, csv_recording: Path, tmp_path: Path) -> None:
     result = gyrostand("run", csv_recording, "--out", tmp_path / "out")
     assert result.returncode == ExitCode.PASS, result.stderr

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import Completed
+from in_process import Completed
 
 from pipeline.simulate.navigation import simulate_navigation
 from pipeline.simulate.navigation_scenarios import CRUISE, scenario

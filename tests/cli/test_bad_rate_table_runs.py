@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from conftest import Completed
+from in_process import Completed
 from rate_table_stand import RATES, Stand, write_text
 
 Command = Callable[..., Completed]
@@ -97,4 +97,4 @@ def test_several_channels_without_an_axis(gyrostand: Command, tmp_path: Path) ->
 
 def test_a_gyro_whose_record_is_constant(gyrostand: Command, tmp_path: Path) -> None:
     recording = write_text(tmp_path / "run.csv", Stand(channels="r", gain=0.0))
-    refused(gyrostand, recording, 1, "a gyro that follows the table", "a scale factor of 0")
+    refused(gyrostand, recording, 1, "a gyro that follows the table", "gives 0 deg/s throughout")

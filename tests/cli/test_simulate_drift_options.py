@@ -123,7 +123,7 @@ def test_a_scheme_of_a_run_takes_the_place_of_the_angles_of_all(gyrostand: Comma
     ("options", "words"),
     [
         (["--latitude", "55.75"], ["--latitude", "a unit of angle"]),
-        (["--latitude", "91 deg"], ["latitude", "at most 1.57"]),
+        (["--latitude", "91 deg"], ["--latitude", "from -90 to 90 deg", "'91 deg'"]),
         (["--m11", "a"], ["--m11", "1 number", "unit of angular rate"]),
         (["--m11", "1 deg"], ["--m11", "'1 deg'"]),
         (["--transient", "1 2 3"], ["--transient", "6 numbers"]),

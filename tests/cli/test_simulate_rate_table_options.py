@@ -27,7 +27,7 @@ def test_every_option_reaches_the_truth(gyrostand: Command, tmp_path: Path) -> N
     made = gyrostand(
         "simulate", "rate_table", path, "--axes", "r,p", "--mounting", "p", "--mounting", "-r:upside down",
         "--apart", "--rates", "10 -10 20 deg/s", "--dwell", "2 s", "--acceleration", "100 deg/s/s",
-        "--ripple", "0.1 %", "--ripple-harmonic", 6, "--turns", "90 deg", "--rest", "3 s", "--moving", "1 s",
+        "--ripple", "0.1 %", "--ripple-harmonic", 6,
         "--pause", "30 s", "--rate", 20, "--means", "--scale-factor-error", "500 ppm",
         "--scale-factor-error", "r:-0.1 %", "--asymmetry", "p: 200 ppm", "--nonlinearity", "2 50 ppm",
         "--nonlinearity", "p: 3 -150 ppm", "--full-scale", "30 deg/s", "--bias", "p: -3 deg/h",
@@ -37,7 +37,7 @@ def test_every_option_reaches_the_truth(gyrostand: Command, tmp_path: Path) -> N
         "--reference-temperature", "25 °C", "--white", "0.01 deg/sqrt(h)", "--noise1", "2 deg/h, 0.01 rad/s",
         "--rate-random-walk", "r: 1 deg/h/sqrt(h)", "--counts-per-unit", 131, "--latitude", "55.75 deg",
         "--heading", "-30 deg", "--tilt", "1 arcmin", "--orientation-error", "0.1 mrad",
-        "--angle-error", "1 arcmin", "--bias-error", "1 deg/h", "--table", "table_angle", "--table-rate", 10,
+        "--bias-error", "1 deg/h", "--table", "table_angle", "--table-rate", 10,
         "--table-noise", "1 arcsec", "--counts-per-turn", 36000, "--as-counts", "--wrapped", "--unit", "deg",
         "--clock-offset", 0.01, "--stamp-noise", 0.0001, "--gap", "1:0.5", "--nan-burst", "2:0.2",
         "--backward-stamp", 3, "--repeated-sample", 3.5, "--log-delay", 0.2, "--log-jitter", 0.1, "--seed", 3,
@@ -67,10 +67,9 @@ def test_every_option_reaches_the_truth(gyrostand: Command, tmp_path: Path) -> N
         "acceleration": about(100 * DEGREE), "ripple": about(1e-3), "ripple_harmonic": 6,
     }  # fmt: skip
     assert settings["mountings"] == [{"axis": "p", "name": ""}, {"axis": "-r", "name": "upside down"}]
-    assert settings["hand"] == {"turns": about([np.pi / 2]), "rest": 3.0, "moving": 1.0}
     numbers = {
         "pause": 30.0, "quantum": 0.0, "counts_per_unit": 131.0, "latitude": 55.75 * DEGREE,
-        "heading": -30 * DEGREE, "tilt": DEGREE / 60, "orientation_error": 1e-4, "angle_error": DEGREE / 60,
+        "heading": -30 * DEGREE, "tilt": DEGREE / 60, "orientation_error": 1e-4,
         "bias_error": DEG_H, "reference_temperature": 298.15,
     }  # fmt: skip
     assert {name: settings[name] for name in numbers} == about(numbers)
@@ -86,10 +85,63 @@ def test_every_option_reaches_the_truth(gyrostand: Command, tmp_path: Path) -> N
     assert truth["seed"] == 3
 
 
+def test_every_option_of_turns_reaches_the_truth(command: Command, tmp_path: Path) -> None:
+    made = command(
+        "simulate", "rate_table", tmp_path / "run.csv", "--method", "turns", "--turns", "90 -180 deg",
+        "--rest", "3 s", "--moving", "1 s", "--angle-error", "1 arcmin", "--rate", 20,
+    )  # fmt: skip
+    assert made.returncode == ExitCode.PASS, made.stderr
+    settings = json.loads((tmp_path / "run.truth.json").read_text())["settings"]
+    assert settings["hand"] == {"turns": about([np.pi / 2, -np.pi]), "rest": 3.0, "moving": 1.0}
+    assert settings["angle_error"] == about(DEGREE / 60)
+
+
+@pytest.mark.parametrize(
+    ("options", "terms"),
+    [
+        ((), ["white"]),
+        (("--white", "q: 0 deg/sqrt(h)"), []),
+        (("--noise1", "2 deg/h, 0.01 rad/s"), ["noise1"]),
+        (("--noise1", "p: 2 deg/h, 0.01 rad/s"), ["white"]),
+        (("--rate-random-walk", "1 deg/h/sqrt(h)"), ["rate_random_walk"]),
+    ],
+)
+def test_a_gyro_of_which_no_noise_is_given_has_white_noise(
+    command: Command, tmp_path: Path, options: tuple[str, ...], terms: list[str]
+) -> None:
+    short = ("--dwell", "1 s", "--rate", 20)
+    for simulation, length in (("rate_table", short), ("static", ("--hours", 0.1))):
+        made = command("simulate", simulation, tmp_path / "run.csv", *options, *length)
+        assert made.returncode == ExitCode.PASS, made.stderr
+        truth = json.loads((tmp_path / "run.truth.json").read_text())
+        gyros = truth["gyros" if simulation == "rate_table" else "axes"]
+        assert [term["model"] for term in gyros["q"]["terms"]] == terms
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("rate_table",),
+        ("rate_table", "--method", "turns"),
+        ("rate_table", "--method", "positions", "--latitude", "55 deg"),
+        ("static", "--hours", "1"),
+    ],
+)
+def test_what_is_simulated_by_default_runs(
+    command: Command, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    made = command("simulate", options[0], tmp_path / "run.csv", *options[1:])
+    assert made.returncode == ExitCode.PASS, made.stderr
+    ran = command("run", tmp_path / "run.csv", "--out", tmp_path / "out")
+    assert ran.returncode == ExitCode.PASS, ran.stderr
+
+
 @pytest.mark.parametrize("method", ["rates", "turns", "positions"])
 def test_the_plan_beside_it_is_run_as_it_is(command: Command, tmp_path: Path, method: str) -> None:
     # gyros so good that they see the Earth turn, and the positions tell their scale factors
-    quiet = ("--white", "1e-5 deg/sqrt(h)", "--latitude", "55 deg", "--rate", 20, "--rest", "10 s")
+    quiet = ["--white", "1e-5 deg/sqrt(h)", "--latitude", "55 deg", "--rate", 20]
+    if method != "rates":
+        quiet += ["--rest", "10 s"]
     made = command("simulate", "rate_table", tmp_path / "run.mcap", "--method", method, *quiet)
     assert made.returncode == ExitCode.PASS, made.stderr
     ran = command("run", tmp_path / "run.mcap", "--out", tmp_path / "out")
@@ -108,11 +160,22 @@ def test_the_plan_beside_it_is_run_as_it_is(command: Command, tmp_path: Path, me
         (("--acceleration", "5 deg/s"), ["--acceleration", "deg/s/s"]),
         (("--asymmetry", "200"), ["--asymmetry", "ppm"]),
         (("--nonlinearity", "150 ppm"), ["--nonlinearity", "'3 150 ppm'"]),
-        (("--nonlinearity", "1 150 ppm"), ["orders from 2 on"]),
+        (("--nonlinearity", "1 150 ppm"), ["orders from 2 to 5"]),
+        (("--nonlinearity", "7 10 ppm"), ["orders from 2 to 5", "of order 7"]),
+        (("--method", "positions"), ["--latitude", "for six positions"]),
+        (("--method", "turns", "--turns", "0 10 deg"), ["turns", "angles other than 0"]),
+        (("--method", "turns", "--rates", "10 deg/s"), ["--rates", "only beside --method rates"]),
+        (("--method", "positions", "--turns", "10 deg"), ["--turns", "only beside --method turns"]),
+        (("--rest", "10 s"), ["--rest", "only beside --method turns or positions"]),
+        (("--bias-temperature", "5 deg/h/K"), ["--bias-temperature", "no --temperature"]),
+        (("--scale-factor-temperature", "5 ppm/K"), ["--scale-factor-temperature", "no --temperature"]),
         (("--misalignment", "1 mrad"), ["--misalignment", "2 numbers"]),
         (("--temperature", "20 degC"), ["--temperature", "TIME:VALUE"]),
         (("--temperature", "0:20 rad"), ["--temperature", "unit of temperature"]),
         (("--temperature", "0:-300 degC"), ["profile", "at least 0"]),
+        (("--latitude", "95 deg"), ["--latitude", "from -90 to 90 deg", "'95 deg'"]),
+        (("--latitude", "50 deg", "--tilt", "-1 deg"), ["--tilt", "from 0 to 180 deg", "'-1 deg'"]),
+        (("--heading", "1 deg"), ["--heading", "no --latitude"]),
         (("--table", "table_rate", "--wrapped"), ["record the table's angle"]),
         (("--table", "table_rate", "--table-noise", "1 arcsec"), ["--table-noise", "unit of angular rate"]),
         (("--as-counts",), ["the counts a turn"]),

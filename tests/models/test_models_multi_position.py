@@ -13,7 +13,6 @@ from pipeline.models import earth
 from pipeline.models.multi_position import (
     SIX_POSITIONS,
     Turn,
-    find_turns,
     observe_positions,
     observe_turns,
     position,
@@ -21,6 +20,7 @@ from pipeline.models.multi_position import (
 from pipeline.models.rate_table_observations import joined
 from pipeline.models.rate_table_steps import RateTableError
 from pipeline.models.rate_table_triad import Triad, fit_triad
+from pipeline.numerics.sampling import runs
 
 DEGREE = records.DEGREE
 LATITUDE = 50 * DEGREE
@@ -113,15 +113,6 @@ def test_turns_and_positions_join() -> None:
     np.testing.assert_allclose(fit_triad(together).S, fit_triad(whole).S, atol=1e-4)
 
 
-def test_turns_are_found() -> None:
-    time, output, turns = turned(np.random.default_rng(4), 0.0, 0.0)
-    found = find_turns(time, output - 1000 * BIAS, threshold=5 * DEGREE, shortest=1.0, margin=0.5)
-    known = np.array([(turn.start, turn.stop) for turn in turns if turn.angle])
-    # a raised cosine of 120 deg/s passes 5 deg/s within 0.5 s of its ends
-    np.testing.assert_allclose(found, known, atol=0.6)
-    assert len(find_turns(time, output, threshold=1e3, shortest=1.0, margin=0.5)) == 0
-
-
 def test_turns_without_rest_or_samples_are_errors() -> None:
     time, output, turns = turned(np.random.default_rng(5), 0.0, 0.0)
     with pytest.raises(RateTableError, match="rest before, between or after") as caught:
@@ -129,6 +120,19 @@ def test_turns_without_rest_or_samples_are_errors() -> None:
     assert caught.value.exit_code == 1
     with pytest.raises(RateTableError, match="samples of the gyro"):
         observe_turns(time, output, [Turn(1e4, 2e4, np.eye(3)[0], 0.0)])
+
+
+def moved(time: np.ndarray, gyro: np.ndarray, threshold: float, shortest: float) -> np.ndarray:
+    """Start and stop [s] of stretches in which the case turned, with a margin for slow ends, shape (m, 2).
+
+    Rests that are shorter than ``shortest`` [s] are none, nor are stretches; the gyro's median is its bias.
+    """
+    moving = runs(np.linalg.norm(gyro - np.median(gyro, axis=0), axis=1) > threshold)
+    start, stop = time[moving.start], time[moving.stop - 1]
+    apart = start[1:] - stop[:-1] > shortest
+    ends = np.stack([start[np.append(True, apart)], stop[np.append(apart, True)]], axis=1)
+    ends = ends[ends[:, 1] - ends[:, 0] >= shortest] + np.array([-shortest, shortest])
+    return np.clip(ends, time[0], time[-1])
 
 
 BY_HAND = {"angle_error": 2 * DEGREE, "axis_error": 1 * DEGREE}
@@ -139,7 +143,7 @@ def test_a_session_of_others_turned_by_hand(shared_data: Path) -> None:
     """imucal, Ferraris session at 102.4 Hz in deg/s: one round the negative way about each axis."""
     table = np.genfromtxt(shared_data / "turntable/imucal_ferraris_session.csv", delimiter=",", skip_header=1)
     time, gyro = table[:, 0] / 102.4, table[:, 1:4] * DEGREE
-    moves = find_turns(time, gyro - np.median(gyro, axis=0), threshold=5 * DEGREE, shortest=0.5, margin=0.5)
+    moves = moved(time, gyro, threshold=5 * DEGREE, shortest=0.5)
     assert len(moves) == 12  # nine changes of position among them
     rounds = moves[[7, 9, 11]]
     turns = [Turn(*ends, axis, -2 * np.pi, **BY_HAND) for ends, axis in zip(rounds, np.eye(3), strict=True)]
@@ -193,7 +197,7 @@ def test_a_quarter_turn_of_others(shared_data: Path) -> None:
     path = shared_data / "turntable/tomi_mpu6050_90deg_x_rot.csv"
     gyro = np.genfromtxt(path, delimiter=",", skip_header=5)[:, 3:] / 131 * DEGREE
     time = np.arange(len(gyro)) / 100
-    moves = find_turns(time, gyro - np.median(gyro, axis=0), threshold=3 * DEGREE, shortest=0.4, margin=0.4)
+    moves = moved(time, gyro, threshold=3 * DEGREE, shortest=0.4)
     assert len(moves) == 1
     rests = [Turn(0.0, moves[0, 0], np.eye(3)[0], 0.0), Turn(moves[0, 1], time[-1], np.eye(3)[0], 0.0)]
     quarter = Turn(*moves[0], np.eye(3)[0], np.pi / 2, **BY_HAND)

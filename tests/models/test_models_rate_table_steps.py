@@ -14,6 +14,7 @@ from pipeline.models.rate_table_steps import (
     TableAxis,
     constant_stretches,
     measure_steps,
+    quantum,
 )
 
 DEGREE = records.DEGREE
@@ -77,6 +78,51 @@ def test_a_ripple_of_the_table_is_no_noise_of_the_gyro() -> None:
     expected = sigma / np.sqrt(steps.duration / STEP)
     # the noise level of 6 x 64 block means is known to 1 / sqrt(2 x 384) = 4 %, three times that
     np.testing.assert_allclose(steps.standard_error[:, 0], expected, rtol=0.12)
+
+
+@pytest.mark.parametrize("warmed", [True, False])
+def test_a_drift_with_the_temperature_or_with_time_is_no_noise_of_the_gyro(warmed: bool) -> None:
+    rng = np.random.default_rng(5)
+    time, rate, angle = records.table(records.corners(RATES, HOLD), STEP)
+    temperature = 290.0 + 0.08 * time
+    sigma = 0.01 * DEGREE
+    # 25 and 50 deg/h over a step of a noise of 0.4 deg/h in its mean
+    drift = (2e-3 * DEGREE + 5e-5 * rate) * (temperature - 290.0)
+    gyro = (rate + drift + records.white(rng, rate.shape, sigma))[:, None]
+    motion = Motion.of_angle(time, angle)
+    stretches = constant_stretches(motion, shortest=20.0, settling=1.0)
+    read = temperature + records.white(rng, time.shape, 0.05)
+    steps = measure_steps(motion, stretches, time, gyro, read if warmed else None)
+    expected = sigma / np.sqrt(steps.duration / STEP)
+    # as in the test above
+    np.testing.assert_allclose(steps.standard_error[:, 0], expected, rtol=0.12)
+    # of the mean nothing is taken
+    middle = (steps.start + steps.stop) / 2
+    told = steps.gyro[:, 0] - steps.rate - (2e-3 * DEGREE + 5e-5 * steps.rate) * 0.08 * middle
+    assert np.all(np.abs(told) < 5 * expected)
+
+
+@pytest.mark.parametrize("rest", [30.0, 60.0, 300.0])
+@pytest.mark.parametrize("bits", [12, 14, 17, 20, 24])
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_an_encoder_that_rests_long_keeps_the_steps(rest: float, bits: int, noise: float) -> None:
+    rates = DEGREE * np.array([20.0, -20.0, 100.0, 5.0])
+    held = records.corners(rates, 12.0, 2.0)[1:] + np.array([rest, 0.0])
+    after = held[-1, 0] + 2.0 + np.array([0.0, rest])
+    at = np.concatenate([[[0.0, 0.0], [rest, 0.0]], held, np.stack([after, np.zeros(2)], axis=1)])
+    time, _, angle = records.table(at, STEP)
+    count = 2 * np.pi / 2**bits
+    # of a count: far too little for the encoder to show any of it at rest
+    shaken = angle + records.white(np.random.default_rng(6), angle.shape, noise * count)
+    motion = Motion.of_angle(time, count * np.rint(shaken / count))
+    # whole counts, by the rounding of an angle of 1e2 rad; a few, where the samples never differ by one
+    counts = quantum(motion.angle) / count
+    assert counts == pytest.approx(max(1, round(counts)), rel=1e-6)
+    assert counts < 2 or bits == 24
+    stretches = constant_stretches(motion, shortest=6.0, settling=0.0)
+    told = measure_steps(motion, stretches, time, np.zeros((len(time), 1))).rate
+    # two counts, of either end, over 6 s or more
+    np.testing.assert_allclose(told, [0.0, *rates, 0.0], atol=2 * count / 6.0 + 1e-9)
 
 
 def test_without_constant_rate_there_is_an_error() -> None:

@@ -130,7 +130,8 @@ def steps(run: int, axis: str) -> list[dict[str, Any]]:
 
 def calibration_row(parameter: str, value: float, error: float | None, **other: Any) -> dict[str, Any]:
     fixed = {"method": "rates", "gyro": "", "unit": "1", "state": "determined", "role": "model"}
-    place = {"reference_temperature": None, "largest_rate": FULL_SCALE}
+    place = dict.fromkeys(("reference_temperature", "lowest_temperature", "highest_temperature"))
+    place |= {"largest_rate": FULL_SCALE}
     return fixed | place | {"parameter": parameter, "value": value, "standard_error": error} | other
 
 
@@ -154,7 +155,7 @@ def triad_rows(method: str = "rates") -> list[dict[str, Any]]:
         for i, j in pairs
         if i < j
     }
-    other |= {f"mounting_{c}": (1e-4, "rad") for c in CHANNELS}
+    other |= {f"triad_rotation_{c}": (1e-4, "rad") for c in CHANNELS}
     rows += [calibration_row(k, v, S_ERROR, unit=u, role="derived") for k, (v, u) in other.items()]
     return [row | {"method": method} for row in rows]
 

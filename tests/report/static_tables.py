@@ -130,6 +130,7 @@ def allan(channel: str) -> pa.Table:
                     "degrees_of_freedom": 1 / (2 * spread**2) if known else [None] * len(tau),
                     "count": np.maximum(LENGTH / STEP - 2 * tau / STEP, 1).astype(np.int64),
                     "model": model if estimator == "allan" else [None] * len(tau),
+                    "noise_model": 1.1 * model if estimator == "allan" else [None] * len(tau),
                 },
             )
         )

@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from report_tables import HOSTILE, finding, from_rows, make_tables, publish
+from report_tables import HOSTILE, finding, from_rows, make_tables, metric, publish
 
 from pipeline.errors import ExitCode
 from pipeline.report import page
@@ -67,6 +67,30 @@ def test_metrics_with_limits_come_first_and_findings_by_severity() -> None:
     severities = [text.index(f"about {kind}") for kind in ("gap", "clocks")]
     assert severities == sorted(severities)
     assert "1 error, 1 warning, 2 info" in text
+
+
+def test_metrics_of_many_channels_stand_in_tables_that_fit_the_page() -> None:
+    tables = make_tables()
+    pairs = ["pq", "pr", "qp", "qr", "rp", "rq", "pz"]
+    rows = [metric(name, channel, 1.0) for name in ("bias", "scale") for channel in ("p", "r")]
+    rows += [metric("scale", "q", 1.0), *(metric("misalignment", pair, 1.0) for pair in pairs)]
+    tables["metrics"] = from_rows("metrics", rows)
+    heads = re.findall(r'<table class="matrix"><thead><tr>(.*?)</tr>', page.render("run-7", tables))
+    # what shares a metric is together, in the channels' order; the seventh pair does not fit beside six
+    assert [re.findall(r">([^<>]+)</th>", head)[2:] for head in heads] == [
+        ["p", "r", "q"], pairs[:6], pairs[6:],
+    ]  # fmt: skip
+
+
+def test_every_recording_of_a_plan_is_named() -> None:
+    tables = make_tables()
+    first = tables["provenance"].to_pylist()[0]
+    runs = [{"recording": name} for name in (None, "y<up>.mcap", "z up.mcap", "y<up>.mcap")]
+    ingest = first | {"stage": "ingest", "settings": json.dumps({"runs": runs})}
+    tables["provenance"] = from_rows("provenance", [ingest])
+    text = Elements(page.render("run-7", tables)).text
+    # once in the head, once in the provenance
+    assert text.count(f"{first['recording_name']}, y<up>.mcap, z up.mcap") == 2
 
 
 def test_a_long_list_of_findings_is_folded_and_a_very_long_one_cut() -> None:

@@ -26,8 +26,10 @@ from rate_table_tables import (
     S,
     bent,
     ends,
+    gyro,
     make_rate_table_tables,
     make_turn_tables,
+    mounting,
 )
 from report_tables import HOSTILE, from_rows
 
@@ -38,6 +40,7 @@ from pipeline.report import (
     rate_table_parameters,
     rate_table_record,
     rate_table_residuals,
+    rate_table_runs,
 )
 from pipeline.report.base import FIGURES, Section
 
@@ -262,8 +265,17 @@ def test_the_model_is_drawn_through_the_deviations(single: dict[str, pa.Table]) 
     np.testing.assert_allclose(y, expected, atol=1e-6)  # ppm: differences of outputs of 1e6 of them
 
 
-def test_what_the_temperature_does_is_not_taken_for_hysteresis(single: dict[str, pa.Table]) -> None:
+@pytest.mark.parametrize("straight", [False, True])
+def test_what_the_temperature_does_is_not_taken_for_hysteresis(
+    single: dict[str, pa.Table], straight: bool
+) -> None:
     """It is in the deviation, and in no residual."""
+    if straight:
+        told = single["calibration"].to_pylist()
+        bias = next(row for row in told if row["parameter"] == "bias" and row["gyro"])
+        kept = [row for row in told if "asymm" not in row["parameter"] and "linear" not in row["parameter"]]
+        thermal = bias | {"parameter": "bias_temperature_sensitivity", "value": 1e-4, "unit": "rad/s/K"}
+        single["calibration"] = from_rows("calibration", [*kept, thermal])
     before = points(rows_of_panels(section(single, "Calibration residuals"))[0][0])
     rows = residuals(single)
     warm = [1e-4 * (r["temperature"] - TEMPERATURE) for r in rows]
@@ -328,6 +340,12 @@ def test_the_calibration_is_a_table_with_errors(tables: dict[str, pa.Table]) -> 
     assert "Pale" not in shown.text
 
 
+def test_a_run_that_is_called_as_its_axis_is_named_once() -> None:
+    over = mounting(1, "-q", "q") | {"axis_2": -1.0}
+    of = {"mountings": from_rows("mountings", [over]), "gyro": gyro(1, "q")}
+    assert [run.title for run in rate_table_runs.runs(of)] == ["run 1: −q along the table's axis"]
+
+
 def test_what_is_not_determined_is_said_and_pale(tables: dict[str, pa.Table]) -> None:
     states = {"S12": ("combined", 0.001), "S13": ("undetermined", None)}
     rows = []
@@ -339,6 +357,9 @@ def test_what_is_not_determined_is_said_and_pale(tables: dict[str, pa.Table]) ->
     shown = section(tables, "Calibration")
     assert "Pale" in shown.text
     assert "It cannot correct a later record" in shown.text
+    weak = [row | {"state": "combined"} for row in rows if row["value"] is not None]
+    tables["calibration"] = from_rows("calibration", weak)
+    assert "What may correct a later record" in section(tables, "Calibration").text
     assert '<span class="pale">0.0010000 ± 0.0000050</span>' in shown.below
     assert '<span class="pale">not determined</span>' in shown.below
 

@@ -184,6 +184,8 @@ def test_the_deviation_is_drawn_in_deg_h_with_its_interval_and_fit(tables: dict[
         np.testing.assert_allclose(data["low"], [r["lower"] * DEG_H for r in rows], rtol=1e-12)
         x, fit = curve(shown, panel, "fit of the coefficients")
         np.testing.assert_allclose(fit, allan_model(channel, x) * DEG_H, rtol=1e-12)
+        x, fitted = curve(shown, panel, "noise model")
+        np.testing.assert_allclose(fitted, 1.1 * allan_model(channel, x) * DEG_H, rtol=1e-12)
 
 
 def test_the_other_estimators_can_be_shown_and_hidden(tables: dict[str, pa.Table]) -> None:
@@ -191,6 +193,7 @@ def test_the_other_estimators_can_be_shown_and_hidden(tables: dict[str, pa.Table
     assert legend(shown) == {
         "Allan deviation": 6,  # curve and band
         "fit of the coefficients": 3,
+        "noise model": 3,
         "terms of the fit": 18,  # lines and letters: three terms a channel
         "modified": 3,
         "Hadamard": 3,
@@ -238,7 +241,7 @@ def test_terms_are_named_only_where_there_are_coefficients(tables: dict[str, pa.
 
 def test_deviations_without_interval_fit_and_order_are_drawn_too(single: dict[str, pa.Table]) -> None:
     rows = [
-        {**row, "lower": None, "upper": None, "model": None, "degrees_of_freedom": None}
+        {**row, "lower": None, "upper": None, "model": None, "noise_model": None, "degrees_of_freedom": None}
         for row in reversed(rows_of(single, "allan", estimator="allan"))
     ]
     single["allan"] = from_rows("allan", rows)

@@ -305,7 +305,9 @@ def test_what_cannot_be_is_refused(change: dict[str, Any], words: str) -> None:
     [
         (lambda: Profile(rates=(0.0,)), "one rate other than 0"),
         (lambda: TableGyro(scale_factor=0.0), "other than 0"),
-        (lambda: TableGyro(nonlinearity={1: 1e-4}), "orders from 2 on"),
+        (lambda: TableGyro(nonlinearity={1: 1e-4}), "orders from 2 to 5"),
+        (lambda: TableGyro(nonlinearity={7: 1e-4}), "of order 7"),
+        (lambda: Hand(turns=(0.0, 1.0)), "angles other than 0"),
         (lambda: Mounting(axis="x"), "one of p, q, r"),  # type: ignore[arg-type]
         (
             lambda: TableSensor(quantity="table_rate", encoder=Encoder(wrapped=True)),

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
+from calibrations import PROVENANCE
 from rate_table_stand import ASYMMETRY, BIAS, DEG, RATES, START, S, Stand, tables
 
 from pipeline import contracts
 from pipeline.errors import ExitCode, GyrostandError
 from pipeline.models import earth
 from pipeline.models.multi_position import position
-from pipeline.models.rate_table import Terms
+from pipeline.models.rate_table_model import Terms
 from pipeline.models.rate_table_steps import TableAxis
+from pipeline.stages import _calibration_tables as as_table
 from pipeline.stages import base, calibrate, steps
+from pipeline.stages._calibration_file import read, text_of
 from pipeline.stages._mountings import mountings_table
 from pipeline.stages._runs import Run
 from pipeline.storage.contract_check import violations
@@ -136,6 +140,7 @@ def test_a_single_axis_is_what_a_later_plan_corrects_by() -> None:
     assert {(row["gyro"], row["method"], row["state"]) for row in rows} == {("q", "rates", "determined")}
     assert {row["parameter"] for row in rows} - set(names) == {"linearity_error", "step_scatter"}
     assert all(row["reference_temperature"] is None for row in rows)
+    assert all(row["lowest_temperature"] is None for row in rows)
     assert all(row["largest_rate"] == pytest.approx(100 * DEG, rel=1e-9) for row in rows)
     covariance = {(r["row"], r["column"]): r["value"] for r in out["calibration_covariance"].to_pylist()}
     assert len(covariance) == len(names) ** 2
@@ -157,8 +162,16 @@ def test_a_triad_is_what_a_later_plan_corrects_by_and_single_axes_stand_beside_i
     rows = out["calibration"].to_pylist()
     model = [row for row in rows if row["role"] == "model"]
     names = [*(f"S{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "bias_p", "bias_q", "bias_r"]
+    names += [f"scale_factor_asymmetry_{axis}" for axis in THREE]
     assert [row["parameter"] for row in model] == names
+    assert [row["unit"] for row in model] == [*["1"] * 9, *["rad/s"] * 3, *["1"] * 3]
     assert {row["gyro"] for row in model} == {""}
+    found = told(out)
+    for k, axis in enumerate(THREE):
+        value, error = found[f"scale_factor_asymmetry_{axis}"]
+        assert value == pytest.approx(ASYMMETRY[k] / S[k, k], abs=5 * error)
+        value, error = found[f"bias_{axis}"]
+        assert value == pytest.approx(BIAS[k], abs=5 * error)
     assert {row["gyro"] for row in out["calibration_covariance"].to_pylist()} == {""}
     for k, axis in enumerate(THREE):
         own = told(out, axis)
@@ -167,7 +180,34 @@ def test_a_triad_is_what_a_later_plan_corrects_by_and_single_axes_stand_beside_i
         residuals = [r for r in out["calibration_residuals"].to_pylist() if r["channel"] == axis]
         assert [r["fit"] for r in residuals].count("triad") == 3 * len(RATES)
         assert [r["fit"] for r in residuals].count("single axis") == len(RATES)
-    assert "terms" in kinds(out)
+    assert kinds(out) == ["Earth's rate"]
+
+
+def test_every_term_of_a_triad_has_its_unit_and_is_in_the_file(tmp_path: Path) -> None:
+    made = tables(Stand(axes=THREE, asymmetry=ASYMMETRY, warm=(285.0, 0.1), rates=np.tile(RATES, 2)), 2)
+    terms = {"bias_temperature": True, "scale_factor_temperature": True, "nonlinearity": (3,)}
+    out = calibrated(made, **terms)
+    units = {row["parameter"]: row["unit"] for row in out["calibration"].to_pylist() if row["gyro"] == ""}
+    assert units["bias_temperature_sensitivity_q"] == "rad/s/K"
+    assert units["scale_factor_temperature_sensitivity_q"] == "1/K"
+    assert units["scale_factor_nonlinearity_3_q"] == units["scale_factor_asymmetry_q"] == "1"
+    products = {(r["row"], r["column"]): r["unit"] for r in out["calibration_covariance"].to_pylist()}
+    assert products["bias_p", "scale_factor_temperature_sensitivity_q"] == "(rad/s)(1/K)"
+    found = told(out)
+    for k, axis in enumerate(THREE):
+        for name, truth in (
+            ("scale_factor_temperature_sensitivity", 0.0),
+            ("scale_factor_nonlinearity_3", 0.0),
+            ("scale_factor_asymmetry", ASYMMETRY[k] / S[k, k]),
+        ):
+            value, error = found[f"{name}_{axis}"]
+            assert value == pytest.approx(truth, abs=5 * error)
+    path = tmp_path / "gyro.calibration.json"
+    path.write_text(text_of("table", out["calibration"], out["calibration_covariance"], PROVENANCE))
+    model = read(path).models["p q r"]
+    assert model.terms == Terms(True, (3,), bias_temperature=True, scale_factor_temperature=True)
+    written = {row["parameter"]: row["value"] for row in out["calibration"].to_pylist() if row["gyro"] == ""}
+    assert model.value.tolist() == [written[as_table.lettered(name)] for name in model.names]
 
 
 def test_one_axis_of_a_triad_calibrates_its_gyro_and_tells_what_the_others_see() -> None:
@@ -201,7 +241,7 @@ def test_runs_either_way_about_one_axis_are_one_calibration() -> None:
 def test_what_two_axes_do_not_determine_is_null_and_named() -> None:
     out = calibrated(tables(Stand(axes=("p", "q")), 5))
     rows = {row["parameter"]: row for row in out["calibration"].to_pylist() if row["gyro"] == ""}
-    open_ = {"S13", "S23", "S33"}
+    open_ = {"S13", "S23", "S33", "scale_factor_asymmetry_r"}
     for name, row in rows.items():
         if row["role"] == "model":
             assert (row["state"] == "determined") == (name not in open_), name
@@ -213,7 +253,7 @@ def test_what_two_axes_do_not_determine_is_null_and_named() -> None:
         assert rows[name]["value"] is None
         assert rows[name]["state"] == "undetermined"
     (finding,) = [f for f in out["findings"].to_pylist() if f["kind"] == "not determined"]
-    assert "S13, S23, S33" in finding["detail"]
+    assert "S13, S23, S33, scale_factor_asymmetry_r" in finding["detail"]
 
 
 def test_combinations_that_are_determined_are_named() -> None:
@@ -266,6 +306,10 @@ def test_temperature() -> None:
         assert value == pytest.approx(d[k], abs=5 * error)
     rows = out["calibration"].to_pylist()
     assert {row["reference_temperature"] for row in rows} == {293.15}
+    # means of steps of a record that begins at 285 K and warms by 0.1 K/s for 161 s
+    ((low, high),) = {(row["lowest_temperature"], row["highest_temperature"]) for row in rows}
+    assert 285.0 < low < 287.5
+    assert 298.5 < high < 301.1
     assert {row["unit"] for row in rows if "temperature" in row["parameter"]} == {"rad/s/K"}
     without = {name: made[name] for name in made if name != "temperature"}
     refused(ExitCode.NOT_MET, "a temperature, for a calibration", made=without, **settings)
@@ -280,10 +324,15 @@ def test_fewer_steps_than_unknowns_name_both_counts() -> None:
     refused(ExitCode.NOT_MET, "scale_factor from scale_factor_asymmetry", "both directions", made=one_way)
 
 
-def test_beside_a_triad_a_gyro_without_its_terms_is_a_finding() -> None:
-    out = calibrated(tables(Stand(axes=THREE, rates=RATES[:3])), nonlinearity=(2, 3))
-    assert kinds(out).count("single axis") == 3
-    assert {row["gyro"] for row in out["calibration"].to_pylist()} == {""}
+def test_terms_that_the_rates_of_a_triad_do_not_tell_are_refused() -> None:
+    few = tables(Stand(axes=THREE, rates=RATES[:3]))
+    words = ("rate table, gyro 1", "scale_factor from scale_factor_nonlinearity_3", "leave terms out")
+    refused(ExitCode.NOT_MET, *words, made=few, nonlinearity=(2, 3))
+    one_way = tables(Stand(axes=THREE, rates=np.abs(RATES)))
+    refused(ExitCode.NOT_MET, "scale_factor from scale_factor_asymmetry", made=one_way)
+    assert {row["gyro"] for row in calibrated(one_way, asymmetry=False)["calibration"].to_pylist()} == {
+        "", *THREE
+    }  # fmt: skip
 
 
 def test_a_run_about_an_axis_that_no_channel_has_is_refused() -> None:
@@ -324,7 +373,10 @@ def streams(time: np.ndarray, gyro: np.ndarray) -> dict[str, pa.Table]:
 
 
 def turned(
-    rng: np.random.Generator, axes: tuple[str, ...] = THREE, sigma: float = 0.05 * DEG
+    rng: np.random.Generator,
+    axes: tuple[str, ...] = THREE,
+    sigma: float = 0.05 * DEG,
+    earth_rate: np.ndarray | None = None,
 ) -> tuple[dict[str, pa.Table], dict[str, Any]]:
     """One round by hand about each axis, either way, rest between; and the settings that say so."""
     step, rest, length = 0.01, 5.0, 4.0
@@ -342,6 +394,8 @@ def turned(
         )
         clock += length
     rate = np.concatenate([*parts, np.zeros((int(rest / step), 3))])
+    if earth_rate is not None:
+        rate = rate + earth_rate
     gyro = rate @ S.T + BIAS + sigma * rng.standard_normal(rate.shape)
     settings = {"methods": ("turns",), "turns": tuple(turns), "rests": tuple(rests)}
     return streams(step * np.arange(len(gyro)), gyro), settings
@@ -423,9 +477,16 @@ def test_positions_tell_s_and_b_of_a_good_gyro() -> None:
     assert caught.value.exit_code is ExitCode.USAGE
 
 
-def test_rates_and_turns_join() -> None:
-    by_rates = tables(Stand(axes=("p", "q")), 12)
-    by_hand, settings = turned(np.random.default_rng(12), axes=("r",))
+def rates_and_turns(
+    rates: np.ndarray, earth_rate: np.ndarray | None = None, seed: int = 12
+) -> tuple[dict[str, pa.Table], dict[str, Any]]:
+    """Steps of these rates about p and q, and turns about r by hand; the turns as settings.
+
+    With an Earth's rate in the axes of the case by hand [rad/s] there is one on the table too.
+    """
+    axis = None if earth_rate is None else VERTICAL
+    by_rates = tables(Stand(axes=("p", "q"), rates=rates, earth=axis, by_angle=True), seed)
+    by_hand, settings = turned(np.random.default_rng(seed), axes=("r",), earth_rate=earth_rate)
     gyro = by_hand["gyro"]
     gyro = gyro.set_column(
         gyro.schema.names.index("run"),
@@ -440,6 +501,11 @@ def test_rates_and_turns_join() -> None:
         "mountings": base.rows("mountings", mountings),
     }
     parted = {key: tuple({**one, "run": "by hand"} for one in settings[key]) for key in ("turns", "rests")}
+    return made, parted
+
+
+def test_rates_and_turns_join() -> None:
+    made, parted = rates_and_turns(RATES)
     out = calibrated(made, methods=("rates", "turns"), **parted)
     rows = [row for row in out["calibration"].to_pylist() if row["role"] == "model"]
     assert {row["method"] for row in rows} == {"joined"}
@@ -448,3 +514,66 @@ def test_rates_and_turns_join() -> None:
     assert found["S33"][0] == pytest.approx(S[2, 2], abs=5 * found["S33"][1])
     methods = [r["method"] for r in out["calibration_residuals"].to_pylist() if r["fit"] == "triad"]
     assert set(methods) == {"rates", "turns"}
+    value, error = found["scale_factor_asymmetry_r"]
+    assert value == pytest.approx(0.0, abs=5 * error)
+    bent = calibrated(made, methods=("rates", "turns"), nonlinearity=(3,), **parted)
+    assert "scale_factor_nonlinearity_3_p" not in told(bent)
+    assert told(bent, "p")["scale_factor_nonlinearity_3"][1] > 0
+    (said,) = [f["detail"] for f in bent["findings"].to_pylist() if f["kind"] == "terms"]
+    assert said == "the triad is without scale_factor_nonlinearity_3, which turns do not tell"
+
+
+def test_the_earth_s_rate_in_the_turns_is_an_error_of_their_biases() -> None:
+    rng = np.random.default_rng(13)
+    errors, own = [], []
+    for seed in range(20):
+        u = rng.standard_normal(3)
+        u *= earth.RATE / np.linalg.norm(u)
+        made, parted = rates_and_turns(RATES, u, seed)
+        out = calibrated(made, ON_EARTH, methods=("rates", "turns"), **parted)
+        found = told(out)
+        errors += [(found[f"bias_{a}"][0] - BIAS[k]) / found[f"bias_{a}"][1] for k, a in enumerate(THREE)]
+        own.append(found["bias_r"][1])
+    # 60 values: 9 %, three times that
+    assert 0.73 < np.std(errors) < 1.27
+    # 140 s of rates tell the bias to some deg/h, rest by hand to 15 deg/h at best
+    assert max(own) < earth.RATE
+    said = [f["detail"] for f in out["findings"].to_pylist() if f["kind"] == "Earth's rate"]
+    assert len(said) == 1
+    assert "counted as an error of their biases" in said[0]
+
+
+def test_what_a_gyro_does_not_tell_of_another_axis_is_said() -> None:
+    made = tables(Stand(axes=("r",)), 3)
+    place = made["gyro"].schema.names.index("p")
+    still = pa.array(np.zeros(made["gyro"].num_rows))
+    made["gyro"] = made["gyro"].set_column(place, made["gyro"].schema.field("p"), still)
+    out = calibrated(made)
+    assert set(told(out)) == {"S23"}
+    (said,) = [f for f in out["findings"].to_pylist() if f["kind"] == "cross axis"]
+    assert said["channel"] == "p"
+    assert "about r: expected an output that changes with the rate, found 0 in every step" in said["detail"]
+
+
+def test_what_counts_in_a_triad_only_is_said_of_single_axes() -> None:
+    made = tables(Stand(axes=("r",)), 3)
+    out = calibrated(made, orientation_error_deg=0.1)
+    (said,) = [f for f in out["findings"].to_pylist() if f["kind"] == "not counted"]
+    assert said["severity"] == "warning"
+    assert said["detail"].startswith("orientation_error_deg of [calibrate]: counted in a triad only")
+    assert "not counted" not in kinds(calibrated(tables(Stand(axes=THREE), 3), orientation_error_deg=0.1))
+
+
+def test_beside_a_triad_a_gyro_without_its_terms_is_a_finding() -> None:
+    made, parted = rates_and_turns(RATES[:3])
+    out = calibrated(made, methods=("rates", "turns"), nonlinearity=(2, 3), **parted)
+    assert kinds(out).count("single axis") == 2  # nobody turned r on the table
+    assert {row["gyro"] for row in out["calibration"].to_pylist()} == {""}
+
+
+def test_as_many_steps_as_unknowns_check_nothing() -> None:
+    for count, said in ((3, ["p: 3 steps for 3 unknowns: no step is left to check the model by"]), (4, [])):
+        made = tables(Stand(axes=("p",), channels="p", rates=RATES[1 : 1 + count]))
+        found = [f for f in calibrated(made)["findings"].to_pylist() if f["kind"] == "not checked"]
+        assert [f["detail"].split(", and")[0] for f in found] == said
+        assert all(f["severity"] == "warning" for f in found)

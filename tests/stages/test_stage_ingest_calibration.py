@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline import formats
-from pipeline.errors import ExitCode, GyrostandError
+from pipeline.errors import ExitCode
 from pipeline.formats.base import Series
-from pipeline.models.rate_table_triad import TriadCalibration
+from pipeline.models.rate_table_triad_model import TriadCalibration
 from pipeline.stages import ingest
 from pipeline.stages._calibration_file import CalibrationError, read, text_of
 from pipeline.stages.base import Stand
@@ -79,6 +79,15 @@ class TestCorrection:
         after = said(tables)["temperature missing"]
         assert (after["count"], after["start"]) == (49, WARM_STAMP[-1] + 10**7)  # held after the last one
 
+    def test_gyros_of_a_triad_have_terms_of_their_own(self, tmp_path: Path) -> None:
+        warmth = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE) - calibrations.T0
+        outputs = calibrations.bent_output(RATES, warmth)
+        tables = ingested(tmp_path, outputs, calibrations.bent_text(), warm=True)
+        # the inversion ends at rounding
+        np.testing.assert_allclose(rates_of(tables), RATES, rtol=0, atol=4e-15)
+        model = read(tmp_path / NAME).models["p q r"]
+        np.testing.assert_array_equal(model.value[12:], calibrations.OWN.ravel())
+
     def test_one_gyro_with_all_its_terms(self, tmp_path: Path) -> None:
         temperature = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE)
         outputs = calibrations.axis_output(RATES[:, 1], temperature)[:, np.newaxis]
@@ -113,7 +122,7 @@ class TestCorrection:
         assert isinstance(model, TriadCalibration)
         _, error = model.apply(outputs)
         for axis, largest in zip("pqr", error.max(axis=0), strict=True):
-            assert f"{largest:.3g} rad/s in {axis}" in finding["detail"]
+            assert f"{np.degrees(largest) * 3600:.3g} deg/h in {axis}" in finding["detail"]
         for word in (NAME, "'table'", "'table.mcap'", "by rates", "a time offset is not applied"):
             assert word in finding["detail"]
 
@@ -123,6 +132,55 @@ class TestCorrection:
         beyond = said(tables)["beyond the calibration"]
         assert (beyond["severity"], beyond["count"], beyond["start"]) == ("warning", 1, STAMP[11])
         assert f"{calibrations.LARGEST:g} rad/s" in beyond["detail"]
+
+    def test_outputs_that_the_gyro_cannot_have_have_no_rate(self, tmp_path: Path) -> None:
+        bent = calibrations.axis_text().replace(
+            '"scale_factor_nonlinearity_3", "value": 0.00015', '"scale_factor_nonlinearity_3", "value": -0.5'
+        )
+        outputs = np.full((N, 1), 0.3)
+        spikes = [7, 12]
+        outputs[spikes, 0] = 6.0, -60.0
+        outputs[9] = np.nan
+        tables = ingested(tmp_path, outputs, bent, warm=True)
+        rate = rates_of(tables, "q")[:, 0]
+        assert np.flatnonzero(np.isnan(rate)).tolist() == [7, 9, 12]
+        lost = said(tables)["not corrected"]
+        assert (lost["severity"], lost["count"]) == ("warning", 2)  # what was NaN before is none of them
+        assert (lost["start"], lost["end"]) == tuple(STAMP[spikes])
+
+    def test_one_output_that_a_gyro_of_a_triad_cannot_have_leaves_no_rate(self, tmp_path: Path) -> None:
+        name = '"scale_factor_nonlinearity_3_q", "value": '
+        text = calibrations.bent_text()
+        assert name in text
+        bent = text.replace(f"{name}-0.0002", f"{name}-0.5")
+        assert bent != text
+        outputs = calibrations.bent_output(0.2 * RATES, np.zeros(N))
+        outputs[5, 1] = 6.0
+        tables = ingested(tmp_path, outputs, bent, warm=True)
+        assert np.flatnonzero(np.isnan(rates_of(tables)).any(axis=1)).tolist() == [5]
+        assert np.isnan(rates_of(tables)[5]).all()
+        assert said(tables)["not corrected"]["count"] == 1
+
+    def test_temperatures_beyond_the_calibrated_ones_are_counted(self, tmp_path: Path) -> None:
+        outputs = RATES @ calibrations.S.T + calibrations.BIAS
+        text = calibrations.triad_text(warm=True)
+        high = calibrations.T0 + calibrations.WARMTH[1]
+        assert "beyond the calibration" not in said(ingested(tmp_path, outputs, text, warm=True))
+        lowered = text.replace(f'"highest_temperature": {high}', f'"highest_temperature": {high - 5}')
+        assert lowered != text
+        beyond = said(ingested(tmp_path, outputs, lowered, warm=True))["beyond the calibration"]
+        warmth = np.interp(STAMP - STAMP[0], WARM_STAMP - STAMP[0], TEMPERATURE)
+        # a twentieth of the range of 20 K further: 1 K
+        late = np.flatnonzero(warmth > high - 4)
+        assert (beyond["count"], beyond["start"]) == (len(late), STAMP[late[0]])
+        assert f"{calibrations.T0 - 5:g} K to {high - 5:g} K" in beyond["detail"]
+
+    def test_a_file_that_does_not_say_its_temperatures_is_read(self, tmp_path: Path) -> None:
+        lines = calibrations.triad_text(warm=True).splitlines(keepends=True)
+        kept = [line for line in lines if "lowest_temp" not in line and "highest_temp" not in line]
+        assert len(kept) == len(lines) - 2
+        outputs = RATES @ calibrations.S.T + calibrations.BIAS
+        assert "beyond the calibration" not in said(ingested(tmp_path, outputs, "".join(kept), warm=True))
 
 
 class TestFile:
@@ -170,6 +228,9 @@ class TestFile:
         written = json.loads(text_of("table", whole[0], whole[1], calibrations.PROVENANCE))
         assert [model["channels"] for model in written["models"]] == ["p q r"]
 
+    def test_what_is_weakly_determined_has_a_standard_error_and_is_written(self) -> None:
+        assert calibrations.triad_text(states={"S13": "combined"}) == calibrations.triad_text()
+
     def test_gyros_each_by_itself(self, tmp_path: Path) -> None:
         pairs = [calibrations.axis_tables(gyro) for gyro in "pqr"]
         whole = [pa.concat_tables(tables) for tables in zip(*pairs, strict=True)]
@@ -196,15 +257,40 @@ def inverted(raw: Float, temperature: Float, value: Float) -> Float:
     return np.asarray((low + high) / 2, dtype=np.float64)
 
 
+def of_uncertain_s33(error: float) -> str:
+    """The file of a triad of which one sensitivity has this standard error."""
+    value = np.concatenate([calibrations.S.ravel(), calibrations.BIAS])
+    errors = np.full(len(value), 1e-6)
+    errors[calibrations.TRIAD.index("S33")] = error
+    made = calibrations.tables_of("", calibrations.TRIAD, value, np.diag(errors**2))
+    return text_of("table", *made, calibrations.PROVENANCE)
+
+
 class TestRefusal:
     def outputs(self) -> Float:
         return np.asarray(RATES @ calibrations.S.T + calibrations.BIAS, dtype=np.float64)
 
     def test_a_calibration_that_does_not_tell_all_is_not_written(self) -> None:
         states = {"S13": "combined", "bias_r": "undetermined"}
-        with pytest.raises(CalibrationError, match=r"S13 of the triad, which is combined") as refused:
+        with pytest.raises(CalibrationError, match=r"found none of bias_r of the triad;") as refused:
             calibrations.triad_text(states=states)
         assert refused.value.exit_code is ExitCode.NOT_MET
+
+    def test_a_sensitivity_that_is_not_known_to_a_tenth_is_not_written(self) -> None:
+        assert '"standard_error": 0.09' in of_uncertain_s33(0.09)
+        with pytest.raises(
+            CalibrationError, match=r"S33 of the triad with a standard error of 0.11"
+        ) as refused:
+            of_uncertain_s33(0.11)
+        assert refused.value.exit_code is ExitCode.NOT_MET
+
+    def test_sensitivities_that_cannot_be_inverted(self, tmp_path: Path) -> None:
+        text = calibrations.triad_text()
+        for k in range(9):
+            text = text.replace(f'"value": {calibrations.S.ravel()[k]}', '"value": 1.0', 1)
+        with pytest.raises(CalibrationError, match="can be inverted, found a singular matrix") as refused:
+            ingested(tmp_path, self.outputs(), text)
+        assert refused.value.exit_code is ExitCode.INPUT
 
     def test_other_channels(self, tmp_path: Path) -> None:
         with pytest.raises(CalibrationError, match=r"the channels p, q, r .*, found one of q;") as refused:
@@ -216,14 +302,6 @@ class TestRefusal:
             ingested(tmp_path, self.outputs(), calibrations.triad_text(warm=True))
         assert refused.value.exit_code is ExitCode.USAGE
 
-    def test_outputs_that_the_gyro_cannot_have(self, tmp_path: Path) -> None:
-        bent = calibrations.axis_text().replace(
-            '"scale_factor_nonlinearity_3", "value": 0.00015', '"scale_factor_nonlinearity_3", "value": -0.5'
-        )
-        with pytest.raises(GyrostandError, match="cannot be inverted") as refused:
-            ingested(tmp_path, np.full((N, 1), 6.0), bent, warm=True)
-        assert refused.value.exit_code is ExitCode.NOT_MET
-
     @pytest.mark.parametrize(
         ("old", "new", "words"),
         [
@@ -232,6 +310,7 @@ class TestRefusal:
             ('"version": 1', '"version": 2', ["version", "2"]),
             ('"format": "gyrostand calibration"', '"format": "another"', ["format", "'another'"]),
             ('"name": "S12"', '"name": "S21"', ["the parameters of a model, in order"]),
+            ('"unit": "rad/s"', '"unit": "deg/s"', ["input should be", "'rad/s/K'", "'deg/s'"]),
             ('"unit": "rad/s"', '"unit": "1"', ["bias_p in 'rad/s'", "'1'"]),
             ('"value": 1.003', '"value": NaN', ["NaN, which is no number"]),
             ('"value": 1.003', '"value": "1.003"', ["models.0.parameters.0.value", "'1.003'"]),
@@ -241,6 +320,9 @@ class TestRefusal:
             ("        [1.0]", "        [0.5]", ["correlations"]),
             ("        [1.0],\n", "", ["the lower triangle of 12 correlations"]),
             ('"channels": "p q r"', '"channels": "p"', ["the parameters of a model, in order"]),
+            ('"largest_rate": 2.0', '"largest_rate": 0.0', ["models.0.largest_rate", "greater than 0"]),
+            ('"value": 1.003', '"value": 1e999', ["models.0.parameters.0.value"]),
+            ('"lowest_temperature": null', '"lowest_temperature": 1.0', ["or neither", "1.0, None"]),
         ],
     )  # fmt: skip
     def test_a_damaged_file_gives_one_line(

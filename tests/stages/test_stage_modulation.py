@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 from static_records import COLOURED, DEG, PERIODIC, WALKING, WHITE, N, record
 
-from pipeline.models.random_error import Noise2, RandomError
+from pipeline.models.random_error import Noise2, RandomError, White
 from pipeline.models.random_error_growth import (
     growth,
     recommended_rate,
@@ -250,6 +250,48 @@ def test_a_model_that_does_not_fit_gives_no_advice() -> None:
     said = of(out, "findings", "p")
     assert said[said["kind"] == "recommended rate"]["severity"].tolist() == ["warning"]
     assert (said["kind"] != "worse with rotation").all()
+
+
+FAST = RandomError((Noise2(DEG, 0.3, 0.5 * np.pi), White(N)))
+"""Of three samples in a time constant at steps of 1 s, and a period of four."""
+
+
+def of_model(model: RandomError, step: float) -> dict[str, pa.Table]:
+    """What is said of a noise of this model, of which the record has samples every step."""
+    tables = noises()
+    values = {"sigma": model.coloured[0].sigma, "mu": model.coloured[0].mu, "N": model.N}
+    values["lambda"] = getattr(model.coloured[0], "lambda_", 0.0)
+    rows = tables["noise_model"].to_pandas()
+    mine = rows[(rows["channel"] == "r") & rows["chosen"]].copy()
+    mine["value"] = [values[name] for name in mine["parameter"]]
+    chosen = pa.Table.from_pandas(mine, schema=tables["noise_model"].schema, preserve_index=False)
+    time = (np.arange(1000) * step * 1e9).astype(np.int64)
+    given = {"noise_model": chosen, "noise_information": tables["noise_information"]}
+    return modulation.run({**given, "gyro": pa.table({"time": time})}, modulation.Settings(), Stand())
+
+
+def test_of_a_colour_as_fast_as_the_samples_nothing_is_advised() -> None:
+    out = of_model(FAST, 1.5)  # two samples in a time constant
+    assert "the colour is as fast as the samples, one every 1.5 s" in reason(out, "r")
+    assert np.isnan(figure(out, "r", "recommended_rate")["value"])
+    assert set(of(out, "findings", "r")["kind"]) == {"recommended rate"}
+    assert "worse_below" not in set(of(out, "metrics", "r")["name"])
+    assert not of(out, "modulation", "r")["worse"].any()
+
+
+def test_nothing_is_told_beyond_nyquist_s_frequency() -> None:
+    slower = of_model(FAST, 1.0)
+    assert "beyond 180 deg/s only, which samples every 1 s do not show" in reason(slower, "r")
+    (band,) = worse_bands(FAST)
+    assert np.degrees(band.high) == pytest.approx(154, abs=1)  # sqrt(3 lambda^2 - mu^2): below 180 deg/s
+    assert np.radians(figure(slower, "r", "worse_below")["value"]) == pytest.approx(band.high, rel=1e-9)
+    edge = RandomError((Noise2(DEG, 0.3, 0.7 * np.pi), White(N)))  # its band ends at 217 deg/s
+    out = of_model(edge, 1.0)
+    assert "worse_below" not in set(of(out, "metrics", "r")["name"])
+    told = of(out, "findings", "r")
+    assert told[told["kind"] == "worse with rotation"]["detail"].iloc[0].endswith("from 0 to 180 deg/s")
+    faster = of_model(edge, 0.1)
+    assert np.degrees(worse_bands(edge)[0].high) == pytest.approx(figure(faster, "r", "worse_below")["value"])
 
 
 def test_rates_that_fall_are_a_fault_of_the_plan() -> None:

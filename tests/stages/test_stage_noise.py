@@ -111,7 +111,7 @@ def test_all_four_estimators_are_there_and_the_model_beside_one() -> None:
     rows = three()["allan"].to_pandas()
     assert set(rows["estimator"]) == {"allan", "modified", "hadamard", "total"}
     assert rows[rows["estimator"] == "allan"]["model"].notna().all()
-    assert rows[rows["estimator"] != "allan"]["model"].isna().all()
+    assert rows[rows["estimator"] != "allan"][["model", "noise_model"]].isna().all(axis=None)
     of = rows[(rows["estimator"] == "allan") & (rows["channel"] == "p")]
     # white noise: the deviation is the model's within what the whole curve scatters at its short end
     short = of[of["tau"] < 100]
@@ -311,6 +311,7 @@ def test_averaging_times_are_those_asked_for() -> None:
         ({"longest_tau": 5000.0}, r"longest_tau.*at most 4800 s.*modified.*found 5000 s"),
         ({"longest_tau": 8000.0, "estimators": ("allan",)}, r"at most 7200 s.*found 8000 s"),
         ({"shortest_tau": 7500.0, "estimators": ("allan",)}, r"from 1 s.*to 7200 s"),
+        ({"shortest_tau": 0.3, "estimators": ("allan",)}, r"from 1 s, the interval.*found 0.3 to 7200 s"),
     ],
 )
 def test_a_record_too_short_for_the_averaging_time_is_refused(settings: dict[str, Any], message: str) -> None:
@@ -322,6 +323,21 @@ def test_a_record_too_short_for_the_averaging_time_is_refused(settings: dict[str
 def test_averaging_times_that_fall_are_a_fault_of_the_plan() -> None:
     with pytest.raises(ValidationError):
         noise.Settings(shortest_tau=10, longest_tau=1)
+
+
+def test_coarse_steps_that_look_like_colour_are_said_to_be_no_colour() -> None:
+    white = record({"p": WHITE}, n=14_400, stream="gyro_increments", seed=1)
+    # white noise that is summed and read in steps of three of its own standard deviations a sample
+    angle = np.cumsum(white["gyro_increments"].column("increment_p").to_numpy())
+    step = 3 * np.sqrt(N)
+    coarse = np.diff(np.round(angle / step) * step, prepend=0.0)
+    columns = {name: white["gyro_increments"].column(name) for name in white["gyro_increments"].column_names}
+    read = {"gyro_increments": contracts.table("gyro_increments", {**columns, "increment_p": coarse})}
+    settings = {"estimators": ("allan",), "added_terms": ()}  # without the term that would describe it
+    told = findings(identified(read, **settings), "fast colour")
+    assert told["severity"].tolist() == ["warning"]
+    assert "a sample every 1 s), which cannot tell it from the quantisation" in told["detail"].iloc[0]
+    assert not len(findings(three(), "fast colour"))  # colours of a hundred samples
 
 
 @pytest.mark.parametrize(
@@ -337,6 +353,16 @@ def test_a_channel_without_noise_is_refused(quantum: float, message: str) -> Non
 def test_a_coarse_channel_is_said_to_be_coarse() -> None:
     out = identified(record({"p": WHITE}, quantum=3 * np.sqrt(N)))
     assert len(findings(out, "coarse")) == 1
+
+
+@pytest.mark.parametrize("channel", list(NAMED))
+def test_the_allan_curve_of_the_fitted_model_is_that_of_the_truth(channel: str) -> None:
+    rows = three()["allan"].to_pandas()
+    of = rows[(rows["channel"] == channel) & (rows["estimator"] == "allan")]
+    truth = np.sqrt(allan_variance(NAMED[channel], of["tau"].to_numpy()))
+    short = of["tau"].to_numpy() < 14_400 / 40
+    # by parameters that four hours tell to some per cent, and the colours to a fifth
+    np.testing.assert_allclose(of["noise_model"][short], truth[short], rtol=0.15)
 
 
 def test_too_few_samples_are_refused() -> None:

@@ -16,6 +16,8 @@ FIXED = {
     "state": "determined",
     "role": "model",
     "reference_temperature": None,
+    "lowest_temperature": None,
+    "highest_temperature": None,
     "largest_rate": 1.0,
 }
 
@@ -112,7 +114,7 @@ def test_the_triad_stands_before_the_single_axes() -> None:
             parameter("", "scale_factor_p", 1.0031, 1e-5),
             parameter("", "misalignment_pq", 1e-3, 1e-5, "rad"),
             parameter("", "nonorthogonality_pq", 2e-3, 1e-5, "rad"),
-            parameter("", "mounting_p", -1e-3, 1e-5, "rad"),
+            parameter("", "triad_rotation_p", -1e-3, 1e-5, "rad"),
             parameter("", "step_scatter_p", 0.0, None, "rad/s"),
             parameter("p", "bias", 9.0, 1.0, "rad/s"),
             parameter("p", "scale_factor", 9.0, 1.0),
@@ -125,7 +127,7 @@ def test_the_triad_stands_before_the_single_axes() -> None:
     assert found["p", "scale_factor_asymmetry"][0] == pytest.approx(100.0)
     assert found["pq", "misalignment"] == (pytest.approx(arcsec), pytest.approx(arcsec / 100), "arcsec")
     assert found["pq", "nonorthogonality"][0] == pytest.approx(2 * arcsec)
-    assert found["p", "mounting"][0] == pytest.approx(-arcsec)
+    assert found["p", "triad_rotation"][0] == pytest.approx(-arcsec)
     assert not any("S11" in key for key in found)
 
 

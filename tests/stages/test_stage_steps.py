@@ -271,3 +271,40 @@ def test_a_stream_without_values_is_refused() -> None:
 def test_the_earth_s_rate_is_in_no_step() -> None:
     rows, _, _ = measured(tables(Stand(earth=VERTICAL)))
     np.testing.assert_allclose(of(rows, "r", "rate"), RATES, atol=1e-10)
+
+
+def test_an_angle_that_begins_again_asks_for_wraps_at() -> None:
+    made = tables(Stand(channels="r", by_angle=True), named=False)
+    angle = made["turntable"]["angle"].to_numpy()
+    for turn, words in ((2 * np.pi, "back by a turn, "), (100.0 * DEG, "back by 100 deg, ")):
+        place = made["turntable"].schema.get_field_index("angle")
+        table = made["turntable"].set_column(place, "angle", pa.array(angle % turn))
+        refused(ExitCode.USAGE, "wraps_at", words, made={**made, "turntable": table}, shortest_s=10.0)
+
+
+def test_a_gyro_that_gives_one_value_is_said_to() -> None:
+    made = tables(Stand(channels="r"), named=False)
+    place = made["gyro"].schema.get_field_index("r")
+    table = made["gyro"].set_column(place, "r", pa.array(np.full(len(made["gyro"]), 0.5 * DEG)))
+    refused(ExitCode.NOT_MET, "gyro r", "gives 0.5 deg/s throughout", made={**made, "gyro": table})
+
+
+def test_steps_at_rest_only_are_said_to_be() -> None:
+    made = tables(Stand(channels="r", rates=DEG * np.array([0.0, 30.0]), hold=16.0), named=False)
+    seconds = (made["turntable"]["time"].to_numpy() - made["turntable"]["time"][0].as_py()) * 1e-9
+    kept = pa.array(seconds < 16.0 + 6.0 + 5.0)  # the table turns for 5 s, which is no step of 10 s
+    made = {**made, "gyro": made["gyro"].filter(kept), "turntable": made["turntable"].filter(kept)}
+    words = ("1 step at rest only", "up to 30 deg/s", "steps.shortest_s")
+    refused(ExitCode.NOT_MET, *words, made=made, shortest_s=10.0)
+
+
+def test_no_stretch_names_the_keys() -> None:
+    made = tables(Stand(hold=4.0))
+    words = ("steps.shortest_s", "steps.tolerance_deg_s", "deg/s;")
+    refused(ExitCode.NOT_MET, *words, made=made, shortest_s=10.0)
+
+
+def test_an_offset_beyond_the_longest_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"at most longest_offset_s = 1, either way"):
+        steps.Settings(time_offset=-5.0)
+    assert steps.Settings(time_offset=-5.0, longest_offset_s=5.0).time_offset == -5.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 import tomllib
 from pathlib import Path
 
@@ -268,7 +267,8 @@ def test_a_gyro_on_a_table_may_be_calibrated_on_it(tmp_path: Path) -> None:
     assert tomllib.loads(text)["streams"]["turntable"]["channels"] == {
         "rate": {"field": "table rate (rpm)", "unit": "rpm"}
     }
-    own = text.replace('procedure = "static"', 'procedure = "rate_table"')
+    assert "procedure: expected one of the procedures" in loads(tmp_path, text)  # which is not guessed
+    own = text.replace('procedure = ""', 'procedure = "rate_table"')
     assert "add [[runs]]" in loads(tmp_path, own)
     offered = text[text.index("# [[runs]]") :].split("\n\n")[0]
     # what is offered, but for the further recording, is a plan of the procedure
@@ -279,21 +279,28 @@ def test_a_gyro_on_a_table_may_be_calibrated_on_it(tmp_path: Path) -> None:
         .replace("# table_tilt", "table_tilt")
     )
     assert loads(tmp_path, own) == ""
+    calibrate = text[text.index("# [calibrate]") :].split("\n\n")[0]
+    limit = text[text.index("# [[limits]]", text.index("rate_table:")) :].split("\n\n")[0]
+    for offered in (calibrate, limit):
+        own = own.replace(offered, "\n".join(line[2:] for line in offered.splitlines()))
+    assert loads(tmp_path, own) == ""
+    assert "[calibrate]" in own.splitlines()
 
 
 def test_a_gyro_on_a_table_begins_a_plan_of_static(tmp_path: Path) -> None:
     path = tmp_path / "run7.csv"
     path.write_text("t (s),gyro x (dps),gyro y (dps),gyro z (dps),table angle (deg)\n0,1,2,3,4\n1,1,2,3,4\n")
-    text = initial_plan(formats.inspect(path))
+    begun = initial_plan(formats.inspect(path))
+    text = begun.replace('procedure = ""', 'procedure = "static"')
     assert loads(tmp_path, text) == ""
     plan = tomllib.loads(text)
-    assert plan["procedure"] == "static"
     assert plan["streams"]["turntable"] == {
         "quantity": "table_angle",
         "channels": {"angle": {"field": "table angle (deg)", "unit": "deg"}},
     }
-    for limit in re.findall(r"^# (.*)", text[text.index("# [[limits]]") :].split("\n\n")[0], re.MULTILINE):
-        text = text.replace(f"# {limit}", limit)
+    limit = text[text.index("# [[limits]]") :].split("\n\n")[0]
+    text = text.replace(limit, "\n".join(line[2:] for line in limit.splitlines()))
+    assert "[[limits]]" in text.splitlines()
     assert loads(tmp_path, text) == ""  # the limit that is offered is one of the procedure
 
 
@@ -308,6 +315,69 @@ def test_a_gyro_alone_is_told_of_both_procedures(tmp_path: Path) -> None:
     assert "static does with any of p, q and r" in nothing
     with_reference = table("", "gyro_x gyro_y gyro_z psi theta gamma")
     assert "static" not in initial_plan(Inspection(Path("a.csv"), "text", (with_reference,)))
+
+
+def test_a_plan_of_static_alone_offers_no_limit_of_coning() -> None:
+    fields = (Field("p (deg/s)", "float64", "deg/s"),)
+    text = initial_plan(Inspection(Path("a.csv"), "text", (Topic("", "row", "", 2, fields, {}),)))
+    assert tomllib.loads(text)["procedure"] == "static"
+    assert "relative_rms_error_corrected" not in text
+    three = initial_plan(Inspection(Path("a.csv"), "text", (table("", "gyro_x gyro_y gyro_z"),)))
+    assert "Of the procedure coning:" in three
+    assert "Of the procedure static:" in three
+
+
+@pytest.mark.parametrize(
+    ("header", "quantity", "channels"),
+    [
+        ("t,Gyro [deg/s]", "angular_rate", {"p": "Gyro [deg/s]"}),
+        ("t,Gyro", "angular_rate", {"p": "Gyro"}),
+        ("t,p (deg/s)", "angular_rate", {"p": "p (deg/s)"}),
+        ("t,p (rad),r (rad)", "angle_increment", {"p": "p (rad)", "r": "r (rad)"}),
+        ("t,gyro_z (dps),gyro_temp (degC)", "angular_rate", {"r": "gyro_z (dps)"}),
+        ("t,p (bar),q (V)", "angular_rate", {"p": "", "q": "", "r": ""}),
+    ],
+)
+def test_a_gyro_of_fewer_than_three_axes(
+    tmp_path: Path, header: str, quantity: str, channels: dict[str, str]
+) -> None:
+    path = tmp_path / "run7.csv"
+    row = ",".join("123"[: header.count(",") + 1])
+    path.write_text(f"{header}\n{row}\n{row}\n")
+    text = initial_plan(formats.inspect(path))
+    stream = tomllib.loads(text)["streams"]["gyro"]
+    assert stream["quantity"] == quantity
+    assert {name: one["field"] for name, one in stream["channels"].items()} == channels
+    # that the axis was chosen is said where no name says it
+    assert ("does not say which of p, q and r" in text) == ("Gyro" in header)
+
+
+def test_a_vector_is_a_gyro_by_its_topic() -> None:
+    of = "geometry_msgs/msg/Vector3Stamped"
+    fields = "header.seq vector.x vector.y vector.z"
+    found = find_candidates([table(name, fields, of=of) for name in ("/gyro", "/force", "/gyro_bias")])
+    assert [(c.stream, c.topic.name, len(c.fields)) for c in found] == [("gyro", "/gyro", 3)]
+
+
+@pytest.mark.parametrize(
+    ("fields", "found"),
+    [
+        ("gyro Encoder", [("table_angle", "Encoder")]),
+        ("gyro tisch_rpm", [("table_rate", "tisch_rpm")]),
+        ("gyro Drehtisch_Winkel", [("table_angle", "Drehtisch_Winkel")]),
+        ("gyro enc_error encoder_status", []),
+        ("gyro_x gyro_y gyro_z motor_rpm pump_rpm", []),  # several are of something else
+        ("Encoder", []),  # without a gyro
+    ],
+)
+def test_an_encoder_beside_a_gyro_may_be_a_table_s(fields: str, found: list[tuple[str, str]]) -> None:
+    candidates = find_candidates([table("", fields)])
+    assert [(c.quantity, c.fields[0].path) for c in candidates if c.stream == "turntable"] == found
+
+
+def test_a_table_s_rate_without_a_unit_may_be_in_rpm() -> None:
+    text = initial_plan(Inspection(Path("a.csv"), "text", (table("", "gyro tisch_rpm"),)))
+    assert "# FILL IN: rad/s, deg/s or rpm" in text
 
 
 def test_a_message_with_rates_is_no_reference_of_itself() -> None:
