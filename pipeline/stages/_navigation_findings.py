@@ -105,6 +105,13 @@ def of_reference(imu: Imu, origin: int) -> Row:
     return _row("accelerometer", "bias as tilt", "info", detail, whole, origin)
 
 
+def of_idle_attitude(reference: str, imu: Imu, origin: int) -> Row:
+    """An external attitude that the loops do not look at."""
+    whole = float(imu.time[0]), float(imu.time[-1])
+    detail = f"loops: with attitude_reference {reference!r} they do not use it; with 'X' they follow it"
+    return _row("external_attitude", "not followed", "info", detail, whole, origin)
+
+
 def not_done(method: str, reason: str, imu: Imu, origin: int) -> Row:
     """A method that failed where another did not."""
     whole = float(imu.time[0]), float(imu.time[-1])

@@ -153,8 +153,13 @@ def _innovations(navigations: Sequence[Navigation], origin: int) -> pa.Table:
 
 
 def _of_loops(problem: Problem, settings: Settings, origin: int) -> Iterator[dict[str, Any]]:
-    if "loops" in settings.methods and settings.loops.attitude_reference == "A":
+    reference = settings.loops.attitude_reference
+    if "loops" not in settings.methods:
+        return
+    if reference == "A":
         yield about.of_reference(problem.imu, origin)
+    if reference != "X" and "attitude" in problem.aids:
+        yield about.of_idle_attitude(reference, problem.imu, origin)
 
 
 def _figure(channel: str, name: str, value: float, unit: str = "1") -> dict[str, Any]:

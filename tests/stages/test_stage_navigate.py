@@ -542,11 +542,13 @@ class TestLoops:
 
     def test_what_reference_a_cannot_tell_is_said(self, flight: NavigationRecord) -> None:
         tables = streams.tables(flight)
-        row = findings(navigated(tables, methods=("loops",)), "bias as tilt")[0]
+        out = navigated(tables, methods=("loops",))
+        row = findings(out, "bias as tilt")[0]
         assert row["severity"] == "info"
         assert "b/g" in row["detail"]
-        external = {"attitude_reference": "X"}
-        assert findings(navigated(tables, methods=("loops",), loops=external), "bias as tilt") == []
+        assert "with 'X' they follow it" in findings(out, "not followed")[0]["detail"]
+        out = navigated(tables, methods=("loops",), loops={"attitude_reference": "X"})
+        assert findings(out, "bias as tilt") == findings(out, "not followed") == []
         assert findings(navigated(tables, methods=("filter",)), "bias as tilt") == []
 
     def test_noise_of_the_attitude_s_loop_is_of_attitudes(self, flight: NavigationRecord) -> None:
