@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 from pipeline import units
 from pipeline.formats.base import Field, Inspection, Topic
 from pipeline.stages.quantities import QUANTITIES, TURNED, StreamName
+from pipeline.testplan import initial_texts as texts
 from pipeline.testplan.candidates import AIDS, Candidate, bare, find_candidates
 from pipeline.testplan.load import own_plan
 
@@ -29,119 +30,8 @@ _TIME = re.compile(r"^t(?:_(?:s|sec|ms|us|ns))?$|^(?i:seconds)$|(?i:time|stamp|e
 """A lower-case t alone is a time, a capital one a temperature."""
 _COUNTER = re.compile(r"packet|count|seq|sample|index|frame", re.IGNORECASE)
 
-_DEFINED = {
-    ("Imu", "angular rate"): "rad/s",
-    ("Imu", "acceleration"): "m/s^2",
-    ("JointState", "angle"): "rad",
-    ("NavSatFix", "angle"): "deg",
-    ("NavSatFix", "length"): "m",
-    ("MagneticField", "magnetic flux density"): "T",
-    ("FluidPressure", "pressure"): "Pa",
-}
-"""Units that the definition of a message states, where the file does not, by what they measure."""
-
-_USUAL = {
-    "angular rate": "rad/s or deg/s",
-    "angle": "rad or deg",
-    "time": "s, ms, us or ns",
-    "acceleration": "m/s^2 or g",
-    "length": "m or ft",
-    "magnetic flux density": "T, uT or G",
-    "pressure": "Pa or hPa",
-}
-"""Units that a blank may be filled in with."""
-
 _OF_VEHICLE: Mapping[StreamName, StreamName] = {"reference": "external_attitude"}
 """What a stream is called where the gyro moves."""
-
-_NAVIGATE = (
-    "[navigate]",
-    'start_attitude = ""    # FILL IN: levelled (at rest), external_attitude; or plan, and state it below',
-    '# start_velocity = "rest"    # without a stream gnss_velocity: at rest, or plan',
-    "# [navigate.start]",
-    "# yaw_deg = 0.0    # and pitch_deg, roll_deg, latitude_deg, longitude_deg, height_m, velocity_m_s",
-    "",
-)
-_EARTH_FIELD = (
-    "[navigate.earth_field]    # FILL IN: numbers without quotes; see ngdc.noaa.gov/geomag",
-    'strength_ut = ""',
-    'dip_deg = ""    # positive down',
-    'declination_deg = ""    # positive to the east',
-    "",
-)
-
-_STAND = {
-    "coning": (
-        "# returns_to_start = true    # the stand ends the record in the attitude in which it began it",
-    ),
-    "static": (
-        "# latitude_deg = 0.0    # for rate_table: degrees north",
-        "# table_tilt_deg = 0.0    # for rate_table: angle of the table's axis of rotation from the vertical",
-    ),
-    "navigation": (),
-    "drift": (
-        'latitude_deg = ""    # FILL IN: degrees north, a number without quotes',
-        'scheme = ""    # FILL IN: polar, equatorial, horizontal, vertical; or chi_deg = [chi1, chi2, chi3]',
-    ),
-}
-"""What [stand] holds, by procedure."""
-
-_GYRO_ALONE = (
-    '# "coning": the attitude of a gyro on a vibration stand. "static": the noise of a gyro in a long record',
-    '# at rest, or on a table that turns evenly. "rate_table": scale factor, bias and misalignment of a gyro',
-    '# on a table that steps from rate to rate, or in turns by known angles. "navigation": where a vehicle',
-    "# went; its further streams are in docs/navigation.md.",
-)
-"""What is said of the procedures of a gyro without a reference."""
-
-_ROTATION = (
-    "# rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: from the sensor's axes to the body axes"
-)
-
-_PART = "# The procedure rate_table or static does with any of p, q and r: remove the others."
-
-_TABLE = (
-    "# wraps_at = 360    # in the channel of an angle: the raw value at which it begins again at 0",
-    "",
-    "# For the procedure rate_table: how the case of the gyro is mounted on the table, run by run.",
-    "# [[runs]]",
-    '# name = "upright"',
-    '# axis = "r"    # which axis of the case lies along the table\'s: p, q, r or -p, -q, -r',
-    '# recording = "run8.mcap"    # a further recording beside this one',
-    "# start = 0.0    # s from the first gyro sample of its recording",
-    "# stop = 600.0",
-    "",
-    "# What its calibration is made of.",
-    "# [calibrate]",
-    '# methods = ["rates"]    # also "turns" and "positions", by hand',
-    "# asymmetry = true    # false where the table turned one way only",
-)
-_GIMBAL = (
-    "# alpha1 is the outer angle, alpha2 the inner one. Of an encoder of 2^20 counts a turn:",
-    '# unit = "deg", scale = 0.00034332275390625, wraps_at = 1048576',
-    "",
-    "# Several runs of the gyro; without them the whole recording is one run.",
-    "# [[runs]]",
-    '# name = "second"',
-    '# recording = "run8.mcap"    # a further recording beside this one',
-    "# start = 0.0    # s from the first sample of its recording",
-    "# stop = 43200.0",
-    '# scheme = "equatorial"    # in place of the stand\'s',
-)
-
-_LIMIT = {
-    "coning": (
-        'metric = "relative_rms_error_corrected"',
-        'channel = "gamma"',
-        "upper = 0.2",
-        "marginal_upper = 0.15",
-    ),
-    "navigation": ('metric = "horizontal_residual_rms"', 'channel = "filter"', "upper = 5.0"),
-    "static": ('metric = "lost_count"', 'channel = "gyro"', "upper = 0"),
-    "rate_table": ('metric = "residual_rms"', 'channel = "p"', "upper = 100.0    # ppm"),
-    "drift": ('metric = "residual_rms"', 'channel = "gauss_newton"', "upper = 1.0", "marginal_upper = 0.8"),
-}
-"""A limit that stands as a comment in the plan of each procedure."""
 
 
 @dataclass(slots=True)
@@ -188,7 +78,7 @@ def initial_plan(inspection: Inspection) -> str:
         f"# Test plan for {escaped(inspection.path.name)} ({inspection.format}), by 'gyrostand plan init'.",
         "# Confirm every line, fill in what is marked FILL IN, then: gyrostand plan check " + escaped(name),
         "",
-        *(_GYRO_ALONE if procedure not in ("drift", "navigation") and second is None else ()),
+        *(texts.GYRO_ALONE if procedure not in ("drift", "navigation") and second is None else ()),
         f'procedure = "{procedure}"'
         if table is None
         else f'procedure = ""    # FILL IN: {_either(procedures)}',
@@ -196,7 +86,7 @@ def initial_plan(inspection: Inspection) -> str:
         "",
         "[stand]",
         'name = ""',
-        *_STAND[procedure],
+        *texts.STAND[procedure],
         "",
     )
     _add_time(plan, chosen, inspection.topics)
@@ -205,7 +95,7 @@ def initial_plan(inspection: Inspection) -> str:
     for candidate in chosen:
         _add_stream(plan, candidate.stream, candidate, inspection.topics)
     if procedure == "navigation":
-        plan.add(*_NAVIGATE, *(_EARTH_FIELD if _first(chosen, "magnetometer") else ()))
+        plan.add(*texts.NAVIGATE, *(texts.EARTH_FIELD if _first(chosen, "magnetometer") else ()))
     _add_alternatives(plan, [c for c in candidates if c not in chosen])
     _add_limits(plan, procedures)
     _add_rest(plan, inspection.topics)
@@ -316,13 +206,13 @@ def _add_stream(plan: _Plan, name: StreamName, candidate: Candidate | None, topi
         plan.add(*_stream_lines(candidate))
         plan.used |= {(candidate.topic.name, f.path) for f in candidate.fields}
     if name == "gimbal":
-        plan.add(*_GIMBAL, "")
+        plan.add(*texts.GIMBAL, "")
         return
     if name == "turntable":
-        plan.add(*_TABLE, "")
+        plan.add(*texts.TABLE, "")
         return
     if name in TURNED:
-        plan.add(_ROTATION)
+        plan.add(texts.ROTATION)
     if name == "reference":
         plan.add(
             "# reference_rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]    # rows: to axes of which 2 is psi's"
@@ -352,7 +242,7 @@ def _add_blank_gyro(plan: _Plan, topics: Sequence[Topic]) -> None:
     plan.add("# Nothing in the recording looks like a gyro; what it holds is listed at the end.")
     if any(t.name for t in topics):
         plan.add('topic = ""    # FILL IN')
-    plan.add('quantity = "angular_rate"    # or angle_increment', _PART)
+    plan.add('quantity = "angular_rate"    # or angle_increment', texts.PART)
     for channel in QUANTITIES["angular_rate"]:
         plan.add(f'channels.{channel} = {{ field = "", unit = "" }}    # FILL IN')
 
@@ -365,8 +255,8 @@ def _unit(one: Field, of: str, message_type: str = "") -> tuple[str, str]:
         return units.canonical(one.unit), ""
     stated = f"; the file says {escaped(one.unit)!r}" if one.unit else ""
     kind = message_type.rsplit("/", maxsplit=1)[-1], of
-    defined = f"; the message is defined in {_DEFINED[kind]}" if kind in _DEFINED else ""
-    return "", f"    # FILL IN: {_USUAL[of]}{stated}{defined}"
+    defined = f"; the message is defined in {texts.DEFINED[kind]}" if kind in texts.DEFINED else ""
+    return "", f"    # FILL IN: {texts.USUAL[of]}{stated}{defined}"
 
 
 def _add_alternatives(plan: _Plan, others: Sequence[Candidate]) -> None:
@@ -389,7 +279,7 @@ def _add_limits(plan: _Plan, procedures: Sequence[str]) -> None:
         plan.add(
             f"# What a figure must be for the recording to pass; any number of these.{of}", "# [[limits]]"
         )
-        plan.add(*(f"# {line}" for line in _LIMIT[name]), "")
+        plan.add(*(f"# {line}" for line in texts.LIMIT[name]), "")
 
 
 def _add_rest(plan: _Plan, topics: Sequence[Topic]) -> None:
