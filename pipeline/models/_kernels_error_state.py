@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from pipeline.models import ellipsoid
 from pipeline.models._kernels_strapdown import gravity, radii
+from pipeline.numerics._kernels_householder import reflect
 
 Float = NDArray[np.float64]
 
@@ -221,39 +222,6 @@ def triangularise(W: Float, n: int, width: int, diagonal: Float, noises: int, wo
         if i >= n - 9:
             begin, met = i + 1, noises
         reflect(W, i, begin, n + met, width, work)
-
-
-@njit(cache=True, error_model="numpy")
-def reflect(W: Float, i: int, begin: int, end: int, width: int, work: Float) -> None:
-    """Zero element i of the rows ``begin`` to ``end`` of W against row i; rows are ``width`` long."""
-    squares = 0.0
-    for c in range(begin, end):
-        squares += W[c, i] * W[c, i]
-    if squares == 0.0:
-        return
-    pivot = W[i]
-    diagonal = -math.copysign(math.sqrt(pivot[i] * pivot[i] + squares), pivot[i])
-    lead = pivot[i] - diagonal
-    # v = (lead, W[begin:end, i]), 2/(v.v) = -1/(diagonal lead)
-    scale = -1.0 / (diagonal * lead)
-    for r in range(i + 1, width):
-        work[r] = lead * pivot[r]
-    for c in range(begin, end):
-        w = W[c]
-        v = w[i]
-        for r in range(i + 1, width):
-            work[r] += v * w[r]
-    for r in range(i + 1, width):
-        work[r] *= scale
-    pivot[i] = diagonal
-    for r in range(i + 1, width):
-        pivot[r] -= lead * work[r]
-    for c in range(begin, end):
-        w = W[c]
-        v = w[i]
-        w[i] = 0.0
-        for r in range(i + 1, width):
-            w[r] -= v * work[r]
 
 
 @njit(cache=True, error_model="numpy")

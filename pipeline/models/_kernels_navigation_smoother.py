@@ -11,13 +11,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.models._kernels_error_state import deviations, propagate, put_noise, reflect, triangularise
+from pipeline.models._kernels_error_state import deviations, propagate, put_noise, triangularise
 from pipeline.models._kernels_strapdown import (
     matrix_from_quaternion,
     radii,
     rotation_vector,
     turn_left,
 )
+from pipeline.numerics._kernels_householder import reflect
 
 Float = NDArray[np.float64]
 

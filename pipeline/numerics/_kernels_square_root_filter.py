@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.numerics._kernels_householder import reflect
+
 Float = NDArray[np.float64]
 Integer = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -68,34 +70,7 @@ def spread(W: Float, n: int, noise: Float, work: Float) -> None:
     for i in range(first, n):
         end = n + min(i - first + 1, noise.size)
         begin = n - 1 if i == n - 2 else n
-        squares = 0.0
-        for c in range(begin, end):
-            squares += W[c, i] * W[c, i]
-        if squares == 0.0:
-            continue
-        pivot = W[i]
-        diagonal = -math.copysign(math.sqrt(pivot[i] * pivot[i] + squares), pivot[i])
-        lead = pivot[i] - diagonal
-        # v = (lead, W[begin:end, i]), 2/(v.v) = -1/(diagonal lead)
-        scale = -1.0 / (diagonal * lead)
-        for r in range(i + 1, rows):
-            work[r] = lead * pivot[r]
-        for c in range(begin, end):
-            w = W[c]
-            v = w[i]
-            for r in range(i + 1, rows):
-                work[r] += v * w[r]
-        for r in range(i + 1, rows):
-            work[r] *= scale
-        pivot[i] = diagonal
-        for r in range(i + 1, rows):
-            pivot[r] -= lead * work[r]
-        for c in range(begin, end):
-            w = W[c]
-            v = w[i]
-            w[i] = 0.0
-            for r in range(i + 1, rows):
-                w[r] -= v * work[r]
+        reflect(W, i, begin, end, rows, work)
 
 
 @njit(cache=True, error_model="numpy")

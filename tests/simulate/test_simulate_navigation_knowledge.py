@@ -42,7 +42,9 @@ def study(seeds: int):
     return np.array(squares), np.array(relative), {aid: np.concatenate(found) for aid, found in nis.items()}
 
 
-def check(seeds: int, inside: float, probability: float, sizes: tuple[float, float]) -> None:
+def check(
+    seeds: int, inside: float, probability: float, sizes: tuple[float, float], accelerometer: float
+) -> None:
     squares, relative, nis = study(seeds)
     low, high = mean_band(15, seeds)
     mean = squares.mean(axis=0)
@@ -52,7 +54,7 @@ def check(seeds: int, inside: float, probability: float, sizes: tuple[float, flo
     assert 0.9 < np.sqrt(np.mean(np.square(relative))) < 1.2
     # biases, attitude, velocity, position: the three components of each together
     size = np.sqrt(np.mean(np.square(relative).reshape(seeds, -1, 5, 3), axis=(0, 1, 3)))
-    assert (size > sizes[0]).all()
+    assert (size > [sizes[0], accelerometer, *(3 * [sizes[0]])]).all()
     assert (size < sizes[1]).all()
     for aid, values in nis.items():
         low, high = mean_band(1 if aid in ("airspeed", "altitude") else 3, len(values), probability)
@@ -62,14 +64,14 @@ def check(seeds: int, inside: float, probability: float, sizes: tuple[float, flo
 def test_told_the_truth_it_is_consistent():
     # 6 records: three constant errors tell a standard deviation to 17 %, 2.5 of those; an error that stays
     # through a record takes NEES out of its band at many instants together
-    check(6, inside=0.5, probability=0.999, sizes=(0.55, 1.45))
+    check(6, inside=0.5, probability=0.999, sizes=(0.55, 1.45), accelerometer=0.55)
 
 
 @pytest.mark.nightly
 def test_told_the_truth_it_is_consistent_over_50_records():
-    # All components together, asserted above, come to 0.9 to 1.2. The walk that the settings give the bias of
-    # the accelerometer, whose truth is constant, keeps its sigma a fifth too wide.
-    check(50, inside=0.9, probability=0.95, sizes=(0.75, 1.2))
+    # 0.9 to 1.2 are asked for. The bias of the accelerometer misses it, 0.82: sigma is a fifth too wide, and
+    # 50 records tell it to 6 %.
+    check(50, inside=0.9, probability=0.95, sizes=(0.9, 1.2), accelerometer=0.75)
 
 
 def test_the_published_tuning_meets_the_oracle():
